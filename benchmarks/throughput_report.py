@@ -28,7 +28,7 @@ def page_lines(found: dict[str, Any], where: str) -> list[str]:
     return [
         "# Throughput",
         "",
-        "This page shows the measured speed and memory of training and inference against plain PyG "
+        "This page compares the speed and memory of training and inference with plain PyG "
         "([the fast path](../models.md#the-fast-path)).",
         "",
         f"Random readings in the shape of the hand (384 taxels, 1401 edges); {where}. *Plain* is "
@@ -48,8 +48,8 @@ _ON_A_GPU = [
 ]
 
 ROUNDED = (
-    " bfloat16 here: inputs and outputs of linear layers, forward and backward, are rounded to it, "
-    "and sums are in float32, as in instructions for bfloat16."
+    " In the rows with bfloat16, inputs and outputs of linear layers are rounded in both passes, "
+    "and sums are in float32, as in processors with bfloat16 instructions."
 )
 
 
@@ -103,9 +103,9 @@ def _lines_of(found: dict[str, Any]) -> list[str]:
         lines += [f"## {data['frames']} frames in memory, with edge features by pose", ""]
         listed, static = data["mib"]["list of Data"], data["mib"]["StaticDataset"]
         lines += [
-            f"* list of `Data`, edge features stored, edges shared: {listed['private']:.0f} MiB "
-            f"(from {listed['measured_frames']:.0f} frames)",
-            f"* `StaticDataset` after a pass over it, edge features on the fly: "
+            "* list of `Data` with stored edge features and shared edges: "
+            f"{listed['private']:.0f} MiB (from {listed['measured_frames']:.0f} frames)",
+            "* `StaticDataset` after a pass over it, with edge features computed on the fly: "
             f"{static['private']:.0f} MiB of private memory, and {static['mapped']:.0f} MiB of its "
             "file, which the system can reclaim",
             "",
@@ -114,7 +114,8 @@ def _lines_of(found: dict[str, Any]) -> list[str]:
         lines += [
             "## Peak memory of training (MiB)",
             "",
-            "*activations*: above weights, gradients and the optimizer's state; *all*: with them.",
+            "*Activations* excludes weights, gradients and the optimizer's state; *all* includes "
+            "them.",
             "",
             *table(
                 ["batch", "model", "activations", "all"],
@@ -146,9 +147,10 @@ def _precision_lines(found: dict[str, Any]) -> list[str]:
     lines = [
         f"## Optimizer and precision, batch {found['batch_size']}, {found['threads']} thread(s)",
         "",
-        "Our models, with PyTorch's Adam tensor by tensor (*loop*), fused, and under autocast to "
-        "bfloat16 (the fully connected part; graph convolutions stay in full precision). Load "
-        f"average of the machine before: {found['load']:.1f}.",
+        "Our models were trained with PyTorch's Adam tensor by tensor (*loop*), fused, and under "
+        "autocast to bfloat16. Autocast affects only the fully connected part; graph convolutions "
+        "stay in full precision. The load average of the machine before the run was "
+        f"{found['load']:.1f}.",
         "",
         *table(
             ["model", "optimizer, precision", *_SPEED],
@@ -162,7 +164,8 @@ def _precision_lines(found: dict[str, Any]) -> list[str]:
     if not found["has_bfloat16"]:
         lines += [
             "",
-            "This processor has no instructions for bfloat16, which would be far slower.",
+            "bfloat16 was not timed: this processor has no instructions for it and would be far "
+            "slower.",
         ]
     if "accuracy" in found:
         lines += _accuracy_lines(found["accuracy"])
@@ -174,12 +177,13 @@ def _accuracy_lines(found: dict[str, Any]) -> list[str]:
     rounded = ROUNDED * (found["bfloat16"] == "rounded")
     lines = [
         "",
-        f"Accuracy of objects by trial in %, on {found['num_trials']} simulated trials of eight "
-        f"objects, every {found['stride']}th frame of squeeze, lift and hold, tared by hover, one "
-        f"scale for a channel: {found['num_train']} frames to train and {found['num_test']} of "
-        f"other trials to test, {found['epochs']} epochs, seeds 0 to {seeds - 1} (of splits, "
-        "weights and batches). Mean ± standard deviation; difference to the first row of the "
-        f"model on the same seed, with its standard error.{rounded}",
+        "The next table shows the accuracy of object recognition by trial in percent, on "
+        f"{found['num_trials']} simulated trials of eight objects. Every {found['stride']}th frame "
+        "of squeeze, lift and hold is used, tared by hover, with one scale per channel: "
+        f"{found['num_train']} training frames, and {found['num_test']} test frames of other "
+        f"trials. Models were trained for {found['epochs']} epochs with seeds 0 to {seeds - 1} "
+        "(of splits, weights and batches). Accuracies are means ± standard deviation. Differences "
+        f"are to the first row of the model on the same seed, ± standard error.{rounded}",
         "",
     ]
     rows = []

@@ -43,7 +43,7 @@ SEARCHES = {
     "license": "licence",
     "licence": "licence",
     "cite": "citation",
-    "gpu": "results/gpu",
+    "gpu": "install",
     "csv": "your_own_data",
     "my own layout": "your_own_data",
     "quick start": "quick_start",

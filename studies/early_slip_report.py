@@ -24,7 +24,7 @@ _NAMES = {
     "lstm": "LSTM, 128 cells",
     "force": "shear / normal force, estimated from the electrodes",
     "true-force": "shear / normal force of the simulator",
-    "pressure": "weak grip: the less fluid pressure, the sooner",
+    "pressure": "weak grip (low fluid pressure)",
 }
 _EQUAL = (0.1, 0.3, 0.5, 1.0)  # seconds before the onset, each with a threshold of its own
 
@@ -137,7 +137,7 @@ def difference_table(rows: dict[str, dict[str, list[float]]]) -> list[str]:
         roc = np.array(ours["roc_auc"]) - np.array(rows[other]["roc_auc"])
         lines.append([_NAMES[other], *cells, _verdict(ours, roc, 3)])
     head = (f"{before:g} s before" for before in _EQUAL)
-    return table(["TemporalTaxelNet less", *head, "ROC"], lines)
+    return table(["TemporalTaxelNet minus", *head, "ROC"], lines)
 
 
 def _verdict(row: dict[str, list[float]], gains: np.ndarray, digits: int) -> str:

@@ -1,11 +1,11 @@
-r"""How well plain models tell objects and properties apart on the simulated Allegro hand, by what
-is held out: whole trials, or random frames.
+r"""Measures how well plain models recognise objects and properties on the simulated Allegro hand,
+with whole trials or random frames held out.
 
-Nothing here is a result on a real hand. Models and training are fixed beforehand and not tuned.
+No result is from a real hand. Models and training are fixed in advance and not tuned.
 
 Examples:
-    tactile simulate --out data/paper8 --objects paper8 --jobs 2
-    tactile simulate --out data/control8 --objects control8 --jobs 2
+    tactile simulate --out data/paper8 --objects paper8 --seed 1 --jobs 2
+    tactile simulate --out data/control8 --objects control8 --seed 1 --jobs 2
     PYTHONPATH=benchmarks python studies/simulated_hand.py --paper8 data/paper8 --control8 data/control8
 """
 
@@ -150,13 +150,18 @@ def accuracy_table(results: list[dict[str, Any]], task: str) -> list[str]:
 
 
 def label_table(results: list[dict[str, Any]]) -> list[str]:
-    chosen = [r for r in results if r["task"] == "property" and r["split_by"] == "trial"]
+    by_trial = [r for r in results if r["task"] == "property" and r["split_by"] == "trial"]
     rows = []
     for inputs, model in product(_INPUTS, _MODELS):
-        found = [r["per_label"] for r in chosen if (r["input"], r["model"]) == (inputs, model)]
-        means = [f"{100 * statistics.mean(column):.0f}" for column in zip(*found, strict=True)]
-        rows.append([inputs, model, *means])
-    return table(["input", "model", *chosen[0]["labels"]], rows)
+        runs = [r["per_label"] for r in by_trial if (r["input"], r["model"]) == (inputs, model)]
+        means = [f"{100 * statistics.mean(column):.0f}" for column in zip(*runs, strict=True)]
+        rows.append([inputs, model, *pairs(means)])
+    return table(["input", "model", *pairs(by_trial[0]["labels"])], rows)
+
+
+def pairs(texts: list[str]) -> list[str]:
+    # Labels come in pairs of opposites, such as light and heavy.
+    return [" / ".join(pair) for pair in zip(texts[::2], texts[1::2], strict=True)]
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -171,7 +176,7 @@ def main(argv: list[str] | None = None) -> int:
     seeds = ", ".join(map(str, range(arguments.seeds)))
     counts = {(r["task"], r["split_by"]): (r["train"], r["test"]) for r in results}
     machine = (
-        f"{platform.machine()}, {torch.get_num_threads()} threads, torch {torch.__version__}, "
+        f"{platform.machine()}, threads: {torch.get_num_threads()}, torch {torch.__version__}, "
         f"torch_geometric_tactile {torch_geometric_tactile.__version__}, MuJoCo "
         f"{simulations['paper8']['mujoco']}"
     )
@@ -181,7 +186,7 @@ def main(argv: list[str] | None = None) -> int:
         "This page shows how well plain models recognise objects and their properties on the "
         "simulated hand, and how much a split by random frames leaks.",
         "",
-        "**All results are simulated**; none is from a real hand: `tactile simulate`, preset "
+        "**All results are simulated**; none is from a real hand. Data: `tactile simulate`, preset "
         f"`full`, seed {simulations['paper8']['seed']}; "
         + "; ".join(
             f"{name}: {s['successes']} trials in {s['attempts']} attempts"
@@ -189,32 +194,34 @@ def main(argv: list[str] | None = None) -> int:
         )
         + ". Accuracy in % on held-out frames, mean ± standard deviation over the seeds "
         f"{seeds} (of split and training). *By trial* holds out whole trials (3 of 10 of each "
-        "object), *by frame* random frames of the same trials. Each sample is one frame, every "
-        f"{arguments.stride}th frame, with readings scaled by the training part. The FNN has two "
+        "object), *by frame* random frames of the same trials. Every "
+        f"{arguments.stride}th frame is a sample, scaled by the training set. The FNN has two "
         f"hidden layers (256, 64) and {_EPOCHS} epochs, the forest 100 trees; neither was tuned. "
         f"Written by `studies/simulated_hand.py` ({machine}).",
         "",
-        "## Which of eight objects (chance 12.5)",
+        "## Eight objects (chance 12.5)",
         "",
-        f"Phases squeeze, lift and hold; {counts['object', 'trial'][0]} frames to train and "
-        f"{counts['object', 'trial'][1]} to test by trial.",
+        "Frames of squeeze, lift and hold; by trial, "
+        f"{counts['object', 'trial'][0]} frames for training and "
+        f"{counts['object', 'trial'][1]} for the test.",
         "",
         *accuracy_table(results, "object"),
         "",
         "## Six properties of eight objects of one shape (chance 50)",
         "",
-        "Mean over the labels; the same phases.",
+        "Mean over the six labels, on frames of the same phases.",
         "",
         *accuracy_table(results, "property"),
         "",
-        "By label, by trial:",
+        "Each label, by trial:",
         "",
         *label_table(results),
         "",
-        "## The leak: which object, before anything is touched (chance 12.5)",
+        "## Leakage: eight objects before contact (chance 12.5)",
         "",
-        "Only the phase hover. Nothing can be known about the object yet: a split by frame "
-        "recognises the trial (its joint angles, its sensor offsets), not the object.",
+        "Frames of the phase hover only, in which the hand has not touched the object. A model "
+        "that is tested on random frames recognises the trial from its joint angles and sensor "
+        "offsets, not the object.",
         "",
         *accuracy_table(results, "object, before contact"),
         "",

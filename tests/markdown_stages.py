@@ -32,6 +32,7 @@ EXTRAS = {  # modules of extras that the blocks of a page need
     "docs/recordings.md": ("h5py", "matplotlib"),
     "docs/results/hand_study.md": ("mujoco",),
     "docs/serial_formats.md": ("cobs",),
+    "docs/simulated_fingertips.md": ("mujoco", "h5py"),
     "docs/simulation.md": ("mujoco", "h5py"),
     "docs/touch_policies.md": ("mujoco",),
     "docs/your_own_classes.md": ("lightning",),
@@ -40,7 +41,7 @@ EXTRAS = {  # modules of extras that the blocks of a page need
 SLOW = {"docs/mixed_sensors.md", "docs/your_own_classes.md"}
 FULL = {  # whole pages that only `make check` runs
     *("docs/analysis.md", "docs/command_line.md", "docs/live.md", "docs/models.md"),
-    *("docs/predictor.md", "docs/simulation.md", "docs/your_own_data.md"),
+    *("docs/predictor.md", "docs/simulated_fingertips.md", "docs/your_own_data.md"),
 }
 _PHASES = ["hover", "approach", "squeeze", "lift", "hold", "release"]
 

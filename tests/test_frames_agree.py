@@ -219,7 +219,7 @@ def test_a_judge_measures_the_rate_and_tells_another_one(caplog):
             assert judge.note == ""
     assert judge.rate == pytest.approx(50.0, rel=0.03)
     assert judge.note.startswith("wrong rate: ")
-    assert judge.note.endswith("in place of 100 Hz")
+    assert judge.note.endswith("instead of 100 Hz")
     assert caplog.text.count("wrong rate") == 1
 
 

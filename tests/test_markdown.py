@@ -78,12 +78,51 @@ def test_markers_stand_right_before_a_block(name):
     assert not dangling_markers(ROOT / name)
 
 
+_LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
+_CODE = re.compile(r"^(`{3,}).*?^\1 *$", re.DOTALL | re.MULTILINE)
+
+
+def _anchors(page):
+    # As GitHub makes them from the headings.
+    text = _CODE.sub("", page.read_text(encoding="utf-8"))
+    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    plain = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower() for heading in headings]
+    return {re.sub(r"[^\w\- ]", "", heading).strip().replace(" ", "-") for heading in plain}
+
+
+def dangling_links(page):
+    """Returns the links to missing files or headings; the site builds the pages in generated/."""
+    dangling = []
+    for link, anchor in _LINK.findall(_CODE.sub("", page.read_text(encoding="utf-8"))):
+        target = page.parent / link if link else page
+        if "generated/" in link or (target.exists() and not anchor):
+            continue
+        if target.suffix != ".md" or not target.exists() or anchor not in _anchors(target):
+            dangling.append(f"{link}#{anchor}" if anchor else link)
+    return dangling
+
+
 @pytest.mark.parametrize("name", all_pages())
-def test_links_to_files_lead_somewhere(name):
-    page = ROOT / name
-    links = re.findall(r"\]\((?!https?:|#)([^)#]+)", page.read_text(encoding="utf-8"))
-    written = [link for link in links if "generated/" not in link]  # the site builds those
-    assert not [link for link in written if not (page.parent / link).exists()]
+def test_links_lead_to_files_and_headings(name):
+    assert not dangling_links(ROOT / name)
+
+
+@pytest.mark.parametrize("name", all_pages())
+def test_no_line_is_a_comment_by_mistake(name):
+    # MyST leaves out lines that begin with a percent sign.
+    text = _CODE.sub("", (ROOT / name).read_text(encoding="utf-8"))
+    assert not re.findall(r"^\s*%.*", text, re.MULTILINE)
+
+
+def test_dangling_links_are_found(tmp_path):
+    page, target = tmp_path / "page.md", tmp_path / "target.md"
+    target.write_text("# A `name`, and [more](x.md)\n")
+    page.write_text(
+        "## Here\n[a](target.md#a-name-and-more) [b](#here) [c](target.md) [d](https://x.org#y)\n"
+    )
+    assert not dangling_links(page)
+    page.write_text("[a](target.md#b) [b](#here) [c](missing.md) [d](missing.md#e)\n")
+    assert dangling_links(page) == ["target.md#b", "#here", "missing.md", "missing.md#e"]
 
 
 # Names of other packages, of the reader's own modules, and of topics and messages.

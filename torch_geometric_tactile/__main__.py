@@ -1,4 +1,4 @@
-r"""Runs the ``tactile`` command by ``python -m torch_geometric_tactile``."""
+r"""Runs the ``tactile`` command for ``python -m torch_geometric_tactile``."""
 
 import sys
 

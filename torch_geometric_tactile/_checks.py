@@ -1,4 +1,4 @@
-r"""Checks of arguments, with errors that name the argument."""
+r"""Argument checks whose errors name the argument."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,8 +12,7 @@ class ArgumentError(ValueError):
     replace them by the names of its options.
 
     Args:
-        *parts (str): The parts of the text, in order. A part that is an :class:`Argument` is shown
-            in quotes.
+        *parts (str): The parts of the text, in order. An :class:`Argument` is shown in quotes.
 
     Examples:
         >>> error = ArgumentError(Argument("folds"), " must be at least 2 (got 1 in 'folds')")
@@ -32,7 +31,7 @@ class ArgumentError(ValueError):
 
     @property
     def argument(self) -> str | None:
-        r"""The first argument named in the text, or :obj:`None`."""
+        r"""The first argument in the text, or :obj:`None` if there is none."""
         return next((str(part) for part in self.parts if isinstance(part, Argument)), None)
 
     def renamed(self, options: Mapping[str, str]) -> str:
@@ -48,10 +47,10 @@ class ArgumentError(ValueError):
 
 
 class GroupedError(ValueError):
-    r"""Several errors as one, such as those of all files in a folder.
+    r"""Several errors in one, such as the errors of all files in a folder.
 
     Args:
-        summary (str): What the errors have in common.
+        summary (str): A summary of the errors.
         errors (sequence of Exception): The errors.
 
     Examples:
@@ -80,7 +79,7 @@ class GroupedError(ValueError):
 
 
 def with_context(prefix: str, error: ValueError) -> ValueError:
-    r"""Returns the error with a prefix before its text, such as the name of a file.
+    r"""Returns an error with a prefix before its text, such as the name of a file.
 
     Examples:
         >>> with_context("'a.npz': ", ValueError("it is empty"))
@@ -91,7 +90,7 @@ def with_context(prefix: str, error: ValueError) -> ValueError:
     return ValueError(f"{prefix}{error}")
 
 
-# `value` is variadic, since None is a valid value to show.
+# `value` is variadic, because None is a valid value to show.
 def need(condition: object, message: str, *value: object) -> None:
     r"""Raises a :class:`ValueError` with a message and the actual value unless a condition holds.
 

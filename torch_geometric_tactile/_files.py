@@ -17,7 +17,7 @@ from torch_geometric_tactile._typing import PathLike
 
 try:
     import fcntl
-except ImportError:  # Windows: temporaries of killed processes stay, as no lock tells their owner
+except ImportError:  # Windows: temporaries of killed processes stay, as no lock shows their owner
     fcntl = None  # type: ignore[assignment]
 
 _MAX_NAME_BYTES = 100  # of the target in the name of a temporary; eCryptfs allows 143 in total
@@ -46,7 +46,7 @@ UNREADABLE = (
 
 
 def existing_file(path: PathLike, advice: str) -> Path:
-    r"""Returns the path of a file, and raises an error with advice if there is none."""
+    r"""Returns the path of a file. If the file does not exist, raises an error with advice."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"'{path}' does not exist; {advice}")
@@ -64,9 +64,9 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     r"""Yields a temporary path beside :obj:`path` that becomes :obj:`path` when the block succeeds.
 
     A reader never sees a partly written file: after an error or a kill, :obj:`path` keeps its old
-    content. The next write to the same :obj:`path` removes temporaries of killed processes, and
-    never the temporary of a running one. The block may truncate the temporary and write to it, but
-    must not replace it by another file or lock it (h5py: ``locking=False``).
+    content. The next write to the same :obj:`path` removes temporaries of killed processes, but
+    never the temporary of a running process. The block may truncate the temporary and write to it,
+    but must not replace it by another file or lock it (h5py: ``locking=False``).
 
     Examples:
         >>> import tempfile
@@ -78,7 +78,9 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    if path.exists() and not path.is_file():  # renaming a file over a device would replace it
+    if (
+        path.exists() and not path.is_file()
+    ):  # renaming a file over a device would replace the device
         raise FileExistsError(f"'{path}' must be a file (got a folder, pipe or device)")
     remove_leftovers(path)
     temporary, handle = _new_temporary(path)
@@ -86,7 +88,7 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
         with _errors_naming(path, temporary):
             yield temporary
             set_default_permissions(temporary)
-            with temporary.open("rb+") as file:  # Windows flushes no file opened for reading
+            with temporary.open("rb+") as file:  # Windows does not flush files opened for reading
                 os.fsync(file.fileno())
             os.replace(temporary, path)
     finally:
@@ -99,10 +101,10 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
 @contextmanager
 def exclusive_access(path: PathLike) -> Iterator[None]:
     r"""Holds an exclusive lock for a file, so that a block can read, change and rewrite it. Waits
-    for other processes and threads. Without effect on a file system without locks.
+    for other processes and threads. Has no effect on a file system without locks.
 
-    The lock is a hidden file beside :obj:`path`, removed at the end. A lock file of a killed
-    process blocks no other process; the next one removes it.
+    The lock is a hidden file beside :obj:`path` that is removed at the end. The lock file of a
+    killed process does not block other processes; the next process removes it.
     """
     lock = Path(f"{_temporary_prefix(Path(path))}lock")
     lock.parent.mkdir(parents=True, exist_ok=True)
@@ -117,7 +119,8 @@ def exclusive_access(path: PathLike) -> Iterator[None]:
     try:
         yield
     finally:
-        # Removed while locked: a waiting process sees that the name is gone, and starts again.
+        # The file is removed while it is locked: a waiting process sees that the name is gone, and
+        # starts again.
         if _has_path(handle, lock):
             lock.unlink(missing_ok=True)
         _unlock_and_close(handle)
@@ -140,7 +143,7 @@ def _wait_for_lock(lock: Path) -> int:
 def lock_file(handle: int, path: PathLike, *, exclusive: bool = True) -> Callable[[], None]:
     r"""Locks an open file without waiting, and returns a function that releases the lock.
 
-    Without effect on a file system without locks. On Windows, writers lock a second file
+    Has no effect on a file system without locks. On Windows, writers lock a second file
     :obj:`PATH.lock`, and readers lock nothing.
 
     Raises:
@@ -177,8 +180,8 @@ def _do_nothing() -> None:
 
 
 def remove_leftovers(path: PathLike) -> None:
-    r"""Removes the temporaries of a file whose writers were killed. Temporaries of running writers
-    stay.
+    r"""Removes temporaries of a file that were left by killed writers. Temporaries of running
+    writers stay.
     """
     prefix = _temporary_prefix(Path(path))
     for slot in range(_MAX_CHECKED_TEMPORARIES):
@@ -193,8 +196,8 @@ def remove_leftovers(path: PathLike) -> None:
 
 
 def new_scratch_folder() -> Path:
-    r"""Returns a new temporary folder, locked until this process ends, and removes the folders of
-    killed processes. The caller removes the new folder at the end.
+    r"""Returns a new temporary folder, which is locked until this process ends. Removes the folders
+    of killed processes. The caller must remove the new folder at the end.
     """
     for owner in Path(tempfile.gettempdir()).glob(f"{_SCRATCH_PREFIX}*/{_OWNER_FILE}"):
         with _try_lock_abandoned(owner) as abandoned:
@@ -211,7 +214,7 @@ def _temporary_prefix(path: Path) -> str:
     name = path.name
     if len(os.fsencode(name)) > _MAX_NAME_BYTES:
         code = hashlib.sha256(os.fsencode(name)).hexdigest()[:16]
-        # Cut between characters, since some file systems accept only valid text.
+        # Names are cut between characters, because some file systems accept only valid text.
         name = os.fsencode(name)[:_MAX_NAME_BYTES].decode("utf-8", "ignore") + f"~{code}"
     return str(path.with_name(f".{name}."))
 
@@ -228,16 +231,16 @@ def _new_temporary(path: Path) -> tuple[Path, int]:
 
 
 def _create_locked(path: Path) -> int | None:
-    # A new locked file, or None if the path exists, or another process removed the new file as
-    # abandoned before it was locked.
+    # Returns a new locked file. Returns None if the path exists, or if another process removed the
+    # new file as abandoned before it was locked.
     try:
         handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
     except FileExistsError:
         return None
     if fcntl is None:
-        os.close(handle)  # Windows renames no open file
+        os.close(handle)  # Windows does not rename open files
         return -1
-    # A shared lock: HDF5 readers lock too, and must be able to open the file once it is renamed.
+    # The lock is shared, because HDF5 readers lock too, and must be able to open the renamed file.
     _try_lock(handle, exclusive=False)
     if _has_path(handle, path):
         return handle
@@ -249,7 +252,7 @@ def _try_lock(handle: int, exclusive: bool) -> bool:
     if fcntl is None:
         return False
     try:
-        # A shared lock waits for a process that cleans up, which holds its lock only briefly.
+        # A shared lock waits for a process that cleans up. Such a process holds its lock briefly.
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB if exclusive else fcntl.LOCK_SH)
     except OSError:  # locked by its writer, or a file system without locks
         return False
@@ -286,7 +289,7 @@ def _has_path(handle: int, path: Path) -> bool:
 
 @contextmanager
 def _errors_naming(path: Path, temporary: Path) -> Iterator[None]:
-    # Errors of the disk name the target file instead of its temporary.
+    # Makes disk errors name the target file instead of its temporary.
     try:
         yield
     except OSError as error:
@@ -296,7 +299,7 @@ def _errors_naming(path: Path, temporary: Path) -> Iterator[None]:
 
 
 def set_default_permissions(path: PathLike) -> None:
-    r"""Sets the permissions of a private temporary file to those of a new file."""
+    r"""Gives a private temporary file the permissions of a new file."""
     umask = os.umask(0)
     os.umask(umask)
     Path(path).chmod(0o666 & ~umask)
@@ -311,8 +314,8 @@ def file_sha256(path: PathLike) -> str:
 def check_packing(entry: zipfile.ZipInfo) -> None:
     r"""Raises a :class:`ValueError` unless an entry of a zip file can be unpacked piece by piece.
 
-    With other methods (bzip2, LZMA), Python unpacks one piece of the file completely, which may
-    take gigabytes.
+    With other compression methods (bzip2, LZMA), Python unpacks one piece of the file completely,
+    which may need gigabytes of memory.
     """
     if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(
@@ -323,11 +326,11 @@ def check_packing(entry: zipfile.ZipInfo) -> None:
 
 def check_zip(path: PathLike) -> None:
     r"""Compares every entry of a zip file with its checksum. The entries must be stored without
-    compression, as PyTorch stores them, and must not overlap, so that the bytes read are limited by
-    the size of the file.
+    compression, as in PyTorch's files, and must not overlap, so that the number of bytes read is
+    limited by the size of the file.
 
     Raises:
-        FileNotFoundError: If there is no such file.
+        FileNotFoundError: If the file does not exist.
         ValueError: If the file is damaged or truncated.
     """
     problem = ""

@@ -10,7 +10,7 @@ from typing import Any
 @contextmanager
 def ignore_interrupts() -> Iterator[None]:
     r"""Ignores Ctrl-C within the block, in the main thread. Processes started within the block
-    inherit this: the process that started them stops them.
+    inherit this behaviour, and must be stopped by the process that started them.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -24,9 +24,9 @@ def ignore_interrupts() -> Iterator[None]:
 
 @contextmanager
 def termination_as_interrupt() -> Iterator[None]:
-    r"""Turns the first SIGTERM, or SIGHUP of a closed terminal, within the block into a
-    :class:`KeyboardInterrupt`, so that files are closed as after Ctrl-C. A signal that is ignored,
-    as by ``nohup``, stays ignored.
+    r"""Turns the first SIGTERM within the block, or SIGHUP from a closed terminal, into a
+    :class:`KeyboardInterrupt`, so that files are closed as after Ctrl-C. Signals that are ignored,
+    for example because of ``nohup``, stay ignored.
     """
     names = ("SIGTERM", "SIGHUP")
     in_main_thread = threading.current_thread() is threading.main_thread()
@@ -35,7 +35,8 @@ def termination_as_interrupt() -> Iterator[None]:
 
     def interrupt(number: int, frame: Any) -> None:
         for signal_number in handled:
-            signal.signal(signal_number, signal.SIG_IGN)  # a second one must not stop the closing
+            # A second signal must not stop the closing of files.
+            signal.signal(signal_number, signal.SIG_IGN)
         raise KeyboardInterrupt
 
     for number in handled:

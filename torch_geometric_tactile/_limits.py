@@ -1,7 +1,8 @@
-r"""Limits on the memory that untrusted files and messages may request, whatever they declare."""
+r"""Limits on the memory that untrusted files and messages may request."""
 
 #: Maximum ratio of the size of the content to the size of its file. A long recording without
-#: contact is compressed to a hundredth. Content below the sizes that follow is always read.
+#: contact is compressed to a hundredth. Content that is smaller than the limits below is always
+#: read.
 EXPANSION = 200
 HDF5_EXPANSION = 100  # chunks are compressed separately
 ARRAY_BYTES = 2**30  # of recordings and data sets; ten minutes of a hand take a quarter of it
@@ -28,8 +29,8 @@ VIEWER_MESSAGE_BYTES = 2**10  # of a message of a viewer, which only sends butto
 
 
 def is_absurd(size: int, file_size: int, limit: int, expansion: int = EXPANSION) -> bool:
-    r"""Returns whether a file would take more than :obj:`limit` bytes of memory, and more than
-    :obj:`expansion` times its size. A file made to exhaust the memory would.
+    r"""Returns whether a file would need more than :obj:`limit` bytes of memory and more than
+    :obj:`expansion` times its size. This is the case for files that are made to exhaust the memory.
 
     Examples:
         >>> is_absurd(2**31, file_size=2**20, limit=ARRAY_BYTES)

@@ -1,6 +1,6 @@
-r"""Parallel jobs by joblib, on the processes of this machine or on the caller's joblib backend.
+r"""Parallel jobs with joblib, in processes on this machine or on the caller's joblib backend.
 
-joblib is imported when the first job runs, since the import is slow.
+joblib is imported when the first job runs, because the import is slow.
 """
 
 import os
@@ -16,11 +16,12 @@ from typing import TypeVar
 from torch_geometric_tactile._checks import need_argument
 from torch_geometric_tactile._interrupts import ignore_interrupts
 
-# By default glibc returns the memory of every activation to the system and requests it again in
-# the next step. Processes started with these variables keep it, which makes small networks faster.
+# By default, glibc returns the memory of every activation to the system and requests it again in
+# the next step. Processes started with these variables keep this memory, which makes small networks
+# faster.
 MALLOC_VARIABLES = dict.fromkeys(("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_"), str(2**29))
 
-# Processes that are started as a module would import files of the working directory in place of
+# Processes that are started as a module would import files in the working directory instead of
 # installed modules.
 _SAFE_PATH = {"PYTHONSAFEPATH": "1"}
 
@@ -30,7 +31,7 @@ _Result = TypeVar("_Result")
 
 @contextmanager
 def keep_freed_memory() -> Iterator[None]:
-    r"""Lets processes that are started within the block keep the memory that they free."""
+    r"""Makes processes that are started within the block keep the memory that they free."""
     with _default_environment(MALLOC_VARIABLES):
         yield
 
@@ -52,16 +53,16 @@ def run_parallel(
 ) -> Generator[_Result, None, None]:
     r"""Yields the result of each item as soon as it is ready, in any order.
 
-    The backend is that of a surrounding :func:`joblib.parallel_config`, or else processes of this
-    machine with one thread each, unless the function sets another number. With one job, this
-    process works on the items in sequence. Workers ignore Ctrl-C, which reaches all processes of a
-    terminal: closing the generator stops them.
+    A surrounding :func:`joblib.parallel_config` selects the backend. By default, processes on this
+    machine are used, with one thread each unless the function sets another number. With one job,
+    this process works on the items in sequence. Workers ignore Ctrl-C, which reaches all processes
+    of a terminal: closing the generator stops them.
 
     Args:
         function (callable): Called with each item; other processes must be able to import it.
         items (iterable): The arguments, one for each call.
-        jobs (int, optional): Number of parallel calls. By default, the number of
-            :func:`joblib.parallel_config`, or else one.
+        jobs (int, optional): Number of parallel calls. Defaults to the number in
+            :func:`joblib.parallel_config`, or to one.
 
     Raises:
         ValueError: If :obj:`jobs` is below one.
@@ -92,7 +93,7 @@ def run_parallel(
     try:
         yield from results
     finally:
-        with warnings.catch_warnings():  # joblib warns of results that are not used
+        with warnings.catch_warnings():  # joblib warns about unused results
             warnings.simplefilter("ignore")
             results.close()
 
@@ -100,14 +101,14 @@ def run_parallel(
 def _run_in_worker(
     parent: int, folder: str, function: Callable[[_Item], _Result], item: _Item
 ) -> _Result:
-    # joblib reuses workers: one would stay in the working directory of an earlier run.
+    # joblib reuses workers, which would stay in the working directory of an earlier run.
     _exit_with_parent(parent)
     os.chdir(folder)
     return function(item)
 
 
 def _exit_with_parent(parent: int) -> None:
-    # Otherwise a worker whose parent was killed finishes the dispatched work, or waits for minutes.
+    # Otherwise a worker whose parent was killed would finish its work, or wait for minutes.
     if os.getppid() != parent:
         os._exit(1)
     _watch_parent(parent)

@@ -31,10 +31,10 @@ _PRETRAINING = (
 _USER_ESTIMATOR = "write a short estimator around the network (docs/compare.md), or use skorch"
 
 # Maps a removed name (without the package), or a command with its option, to its replacement.
-# Each has a row in docs/migration.md.
+# Each of them has a row in docs/migration.md.
 REPLACEMENTS: dict[str, str] = {
     "experiments.Workers": (
-        "give the number of jobs alone, run_plan(plan, out, jobs=2); for a cluster, surround the "
+        "pass only the number of jobs, run_plan(plan, out, jobs=2); for a cluster, surround the "
         "call with joblib.parallel_config(backend=...)"
     ),
     "experiments.cell_config": "read the attribute 'configuration' of the cell",
@@ -143,7 +143,7 @@ ENCODER_CLASSES = ("TaxelEncoder", "TunedEncoder", "EncoderScale")
 
 
 def removal_message(name: str) -> str | None:
-    r"""Returns the error message for a removed or private name, or :obj:`None` for others."""
+    r"""Returns the error message for a removed or private name, or :obj:`None` for other names."""
     if name in REPLACEMENTS:
         return f"'{name}' was removed in version 0.3.0: {REPLACEMENTS[name]}"
     if name in PRIVATE_NAMES:
@@ -155,10 +155,12 @@ def removal_message(name: str) -> str | None:
 def removed_names(
     package: str, fallback: Callable[[str], Any] | None = None
 ) -> Callable[[str], Any]:
-    r"""Returns a module-level :obj:`__getattr__` whose error says what replaces a removed name.
+    r"""Returns a module-level :obj:`__getattr__` whose error names the replacement of a removed
+    name.
 
-    It is an :obj:`AttributeError`, as :func:`hasattr`, :mod:`pickle` and command lines made from
-    signatures expect. ``from package import name`` hides its message: see :class:`RemovedNames`.
+    The error is an :obj:`AttributeError`, as expected by :func:`hasattr`, :mod:`pickle` and command
+    lines that are generated from signatures. ``from package import name`` hides its message: see
+    :class:`RemovedNames`.
     """
 
     def get_attribute(name: str) -> Any:
@@ -171,14 +173,14 @@ def removed_names(
 
 
 class RemovedNames(MetaPathFinder, Loader):
-    r"""Imports moved modules by their earlier names, and explains the import of removed names.
+    r"""An importer that finds moved modules by their earlier names, and explains removed names.
 
     ``from package import name`` looks for a module ``package.name`` if the package has no such
-    attribute, and so comes here.
+    attribute, and therefore calls this importer.
     """
 
     def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
-        r"""Returns the specification of a module that was moved.
+        r"""Returns the specification of a moved module.
 
         Raises:
             ImportError: For a removed or private name.
@@ -188,7 +190,7 @@ class RemovedNames(MetaPathFinder, Loader):
         return ModuleSpec(fullname, self) if fullname in MOVED_MODULES else None
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
-        r"""Returns the module under its present name."""
+        r"""Returns the module with its current name."""
         present = MOVED_MODULES[spec.name]
         warnings.warn(
             f"'{spec.name}' is private since version 0.3.0: import '{present}'; version 0.4.0 no "
@@ -201,6 +203,6 @@ class RemovedNames(MetaPathFinder, Loader):
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        r"""Restores the specification that the import system replaced; the module has run."""
+        r"""Restores the specification that the import system replaced. The module has run."""
         assert module.__spec__ is not None
         module.__spec__ = module.__spec__.loader_state

@@ -1,5 +1,5 @@
-r"""Hashes of the source code of the user's models, estimators, data sets and transforms: classes
-and functions that belong neither to this package nor to an installed library.
+r"""Hashes of the source code of the user's models, estimators, data sets and transforms. These are
+classes and functions that belong neither to this package nor to an installed library.
 """
 
 import ast
@@ -30,7 +30,7 @@ class UserSources(NamedTuple):
     Args:
         modules (dict): Maps the name of a module to a hash of its source.
         libraries (dict): Maps the name of an imported library to its installed version.
-        unknown (dict): Maps the name of a module without known source to the reason.
+        unknown (dict): Maps the name of a module with unknown source to the reason.
     """
 
     modules: dict[str, str]
@@ -45,18 +45,18 @@ class _Module(NamedTuple):
 
 
 def user_sources(import_paths: Iterable[str]) -> UserSources:
-    r"""Returns hashes of the source code that classes, functions and modules depend on.
+    r"""Returns hashes of the source code on which classes, functions and modules depend.
 
-    It includes the modules of their import paths and all modules that these import, directly or
-    indirectly, at the top or inside functions. It leaves out this package and the standard library,
-    and gives the versions of installed libraries. No module is imported.
+    The result includes the modules in their import paths and all modules that these import,
+    directly or indirectly, at the top or inside functions. It leaves out this package and the
+    standard library, and lists the versions of installed libraries. No module is imported.
 
-    It cannot include modules with computed names (``import_module(name)``), files that a module
-    reads, and values that are set at run time.
+    The result cannot include modules with computed names (``import_module(name)``), files that a
+    module reads, or values that are set at run time.
 
     Args:
-        import_paths (iterable of str): Such as :obj:`"my_nets.MyNet"`. Texts that are not import
-            paths are skipped.
+        import_paths (iterable of str): Import paths, such as :obj:`"my_nets.MyNet"`. Other texts
+            are skipped.
 
     Examples:
         >>> user_sources(["torch_geometric_tactile.nn.TaxelNet", "collections.OrderedDict"])
@@ -101,8 +101,8 @@ def user_sources(import_paths: Iterable[str]) -> UserSources:
 
 def source_hash(value: Any) -> str:
     r"""Returns a short hash of the source code of a class or function, its base classes and their
-    imports (see :func:`user_sources`). It is an empty text for a class or function of this package
-    or an installed library, or without a file.
+    imports (see :func:`user_sources`). Returns an empty text if the class or function has no file,
+    or belongs to this package or an installed library.
 
     Args:
         value (Any): A class or a function.
@@ -128,7 +128,7 @@ def has_source(value: Any) -> bool:
 
 
 def _prefixes(path: str) -> list[str]:
-    # 'a', 'a.b' and 'a.b.C' for 'a.b.C': `_find_module` later tells which of them are modules.
+    # 'a', 'a.b' and 'a.b.C' for 'a.b.C': `_find_module` later decides which of them are modules.
     parts = path.split(".")
     if not all(part.isidentifier() for part in parts):
         return []
@@ -154,7 +154,7 @@ def _find_module(name: str) -> _Module | None:
     if spec is None:
         return _Module(None, None, "it has no file")
     if _is_installed(spec) or (spec.origin is None and spec.submodule_search_locations):
-        return _Module(spec, None, "")  # the latter is a package without an `__init__.py`
+        return _Module(spec, None, "")  # no source: a package without an `__init__.py`
     try:  # in a zip file, for example
         text = spec.loader.get_source(name)  # type: ignore[union-attr]
     except (AttributeError, ImportError, OSError, SyntaxError):
@@ -218,7 +218,7 @@ def _standard_library_folders() -> tuple[Path, ...]:
 
 
 def _loaded_digest(name: str, source: bytes) -> tuple[str, str]:
-    # The digest of the code that this process runs, and the reason if the file differs from it.
+    # The digest of the code that this process runs. If the file differs from it, also the reason.
     digest = _sha256(source)
     spec = getattr(sys.modules.get(name), "__spec__", None)
     if spec is None:
@@ -233,7 +233,7 @@ def _loaded_digest(name: str, source: bytes) -> tuple[str, str]:
 
 @lru_cache(maxsize=2_000)
 def _imported_names(source: bytes, name: str, is_package: bool) -> tuple[str, ...]:
-    # Includes names that are attributes of modules.
+    # The result includes names that are attributes of modules.
     try:
         tree = ast.parse(source)
     except (SyntaxError, ValueError, RecursionError, MemoryError):

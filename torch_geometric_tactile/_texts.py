@@ -1,4 +1,4 @@
-r"""Untrusted text for messages and Markdown, and strict reading of JSON."""
+r"""Formats untrusted text for messages and Markdown, and reads JSON strictly."""
 
 import json
 import math
@@ -12,13 +12,13 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._limits import JSON_BYTES
 from torch_geometric_tactile._typing import PathLike
 
-_MAX_QUOTE_LENGTH = 60  # characters of a text or value in a message
+_MAX_QUOTE_LENGTH = 60  # largest number of characters of a text or value in a message
 _MARKDOWN = str.maketrans({char: f"\\{char}" for char in "\\|<>`[]"})
 
 
 def printable(text: object) -> str:
     r"""Returns text on one line, with escapes for everything that a terminal would interpret:
-    control characters, line breaks, marks of the writing direction, and invalid characters.
+    control characters, line breaks, writing direction marks and invalid characters.
 
     Examples:
         >>> print(printable("a cup\n\x1b[2J\u202e"))
@@ -39,15 +39,15 @@ def _escape(char: str) -> str:
 
 
 def quoted(text: str) -> str:
-    r"""Returns untrusted text for a message: in quotes, cut to 60 characters, and with escapes for
-    everything that a terminal would interpret.
+    r"""Returns untrusted text for a message. The text is quoted and shortened to 60 characters.
+    Everything that a terminal would interpret is escaped.
     """
     short = text if len(text) <= _MAX_QUOTE_LENGTH else f"{text[:_MAX_QUOTE_LENGTH]}..."
     return f"'{short}'" if short.isprintable() else ascii(short)
 
 
 def short_repr(value: object) -> str:
-    r"""Returns the :func:`repr` of an untrusted value for a message, cut to 60 characters."""
+    r"""Returns the :func:`repr` of an untrusted value for a message, shortened to 60 characters."""
     try:
         text = repr(value)
     except (RecursionError, ValueError):  # deep nesting, or a number too long for Python to print
@@ -62,7 +62,7 @@ def short_list(
     ending: str = " and {} more",
     separator: str = ", ",
 ) -> str:
-    r"""Returns the first names or numbers of a list for a message, and the number of the others.
+    r"""Returns the first names or numbers of a list for a message, and how many more there are.
 
     Examples:
         >>> short_list(["thumb", "index", "middle", "ring"], max_items=2)

@@ -1,4 +1,4 @@
-r"""Imports of the user's modules, including those in the working directory."""
+r"""Imports the user's modules, including modules in the working directory."""
 
 import importlib
 import sys
@@ -8,16 +8,16 @@ from types import ModuleType
 
 
 def import_user_module(name: str) -> ModuleType:
-    r"""Imports a module by its name: an installed one, or one in the working directory.
+    r"""Imports an installed module, or a module in the working directory, by its name.
 
-    The working directory is searched last, and only if the name was not found elsewhere, so that a
-    file in it never shadows an installed module.
+    The working directory is searched only if the name was not found elsewhere, so that its files
+    never shadow installed modules.
 
     Args:
         name (str): Name of the module, such as :obj:`"my_nets"`.
 
     Raises:
-        ImportError: If there is no such module, or it cannot be imported.
+        ImportError: If the module does not exist or cannot be imported.
     """
     try:
         return importlib.import_module(name)

@@ -34,8 +34,8 @@ examples:
 
 'tactile COMMAND --help' shows the options and more examples.
 
-Data sets are read from $TACTILE_DATA (with one folder per data set). By default, they are
-downloaded to a folder in the user's cache.
+Data sets are read from $TACTILE_DATA, which has one folder per data set. If it is not set, they
+are downloaded to a folder in the user's cache.
 """
 
 
@@ -48,7 +48,7 @@ def build_parser() -> argparse.ArgumentParser:
     r"""Returns the parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="tactile",
-        description="Machine learning on robot touch with PyTorch Geometric.",
+        description="Machine learning for robot touch with PyTorch Geometric.",
         epilog="\n".join(line for line in _EXAMPLES.split("\n") if _is_installed_example(line)),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -104,12 +104,12 @@ def _check_removed(parser: argparse.ArgumentParser, argv: list[str]) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    r"""Runs the command line, and returns its exit status."""
+    r"""Runs the command line and returns its exit status."""
     if argv is None and isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # file names may be invalid text
     if (
         logging.lastResort is not None
-    ):  # shows warnings, and notes that reading a data set takes long
+    ):  # shows warnings, and notes that reading a data set takes a long time
         logging.lastResort.setFormatter(_SingleLineFormatter())
         logging.lastResort.setLevel(logging.INFO)
         logging.getLogger("torch_geometric_tactile.datasets").setLevel(logging.INFO)
@@ -120,7 +120,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return status
     except (ImportError, MemoryError, OSError, ValueError) as error:
         if isinstance(error, BrokenPipeError) and _is_output_closed():
-            return 0  # the reader of the output, such as `head`, has closed it
+            return 0  # the reader of the output, such as `head`, has closed the pipe
         if os.environ.get("TACTILE_TRACEBACK"):
             raise
         if isinstance(error, GroupedError):
@@ -158,7 +158,7 @@ class _SingleLineFormatter(logging.Formatter):
 
 
 def _print_error(text: str, items: Sequence[str] = ()) -> None:
-    # The text and each item on one line: names of files may contain line breaks.
+    # Prints the text and each item on one line, because names of files may contain line breaks.
     hint = "(set TACTILE_TRACEBACK=1 for the traceback)\n" if text.startswith("error:") else ""
     lines = [f"tactile: {text}", *(f"- {item}" for item in items[:_MAX_LISTED_ERRORS])]
     if len(items) > _MAX_LISTED_ERRORS:
@@ -168,7 +168,7 @@ def _print_error(text: str, items: Sequence[str] = ()) -> None:
 
 
 def _is_output_closed() -> bool:
-    # If the output is closed, redirects it, since flushing its buffer at exit would fail again.
+    # If the output is closed, redirects it, because flushing its buffer at exit would fail again.
     try:
         sys.stdout.flush()
         poll = select.poll()

@@ -1,18 +1,19 @@
 # %% [markdown]
 # # Real grasps with three fingertips: will it slip?
 #
-# A Shadow hand closes three BioTac SP fingertips around an object. From one tactile reading, taken before the lift: will the
-# object slip? The data are 5,831 real grasps of 51 objects (BTS3, a download of 2 MB).
+# A Shadow hand closes three BioTac SP fingertips around an object. Can one tactile reading, taken before the lift, tell whether
+# the object will slip? The data are 5,831 real grasps of 51 objects (BTS3, a download of 2 MB).
 #
-# You will see one model score above 90 % or near chance on the same grasps, depending on what the test holds out, why that
-# happens, and what brings the score back. It takes about half a minute on one CPU core.
+# You will see the same model score above 90 % or near chance on the same grasps, depending on what the test holds out. You will
+# also see why, and how to prepare the readings so that the score recovers. The tutorial takes about half a minute on one CPU
+# core.
 
 # %% [markdown]
 # ## The data
 #
-# `train[0]` is an ordinary PyG `Data` object: 24 electrodes (taxels) with three channels, one for each finger, in raw counts of
-# the sensor. The label `y` is 1 where the object slipped. `group` is the number of the object, and `session` the number of the
-# recording: one for each pose of the palm, in training and in the official test.
+# `train[0]` is an ordinary PyG `Data` object. It has 24 electrodes (taxels) with three channels, one for each finger, in raw
+# counts. The label `y` is 1 if the object slipped. `group` is the number of the object. `session` is the number of the recording
+# session: one for each pose of the palm, in training and in the official test.
 
 # %%
 from torch_geometric_tactile.datasets import BioTacSP
@@ -26,8 +27,9 @@ for name, part in {"train": train, "test": test}.items():
 print("sessions:", *train.session_names)
 
 # %% [markdown]
-# The layout knows where the electrodes are. Below: the mean of all stable and of all slipping grasps of one object in one
-# session, each finger relative to its own mean. The two outcomes differ by little, so no single electrode gives the answer.
+# The layout contains the positions of the electrodes. The figure shows the mean of all stable and of all slipping grasps of one
+# object in one session, each finger relative to its own mean. The two outcomes differ little, so no single electrode gives the
+# answer.
 
 # %% tags=["figure"]
 from torch_geometric.transforms import Compose
@@ -49,18 +51,18 @@ plot_grasps(train.layout, means, FINGERS)
 # %% [markdown]
 # ## One model, four tests
 #
-# A score means nothing until you say what was held out. We train the same support vector machine (SVM) on raw readings and test
+# A score means little unless you say what was held out. We train the same support vector machine (SVM) on raw readings and test
 # it in four ways:
 #
-# | protocol | the tested model never saw | but it knows |
+# | protocol | new to the model | known to the model |
 # |---|---|---|
-# | random grasps | this grasp | the object and the session |
+# | random grasps | the grasp | the object and the session |
 # | new objects | the object | the session |
-# | new objects and session | the object, nor any grasp of the session | two other sessions |
-# | official test | the object, nor any grasp of the session | three other sessions |
+# | new objects and session | the object, and all grasps of the session | two other sessions |
+# | official test | the object, and all grasps of the session | three other sessions |
 #
-# The first three use training data only. `Protocol` splits, and the SVM standardises each electrode on the training part by
-# itself.
+# The first three use training data only. `Protocol` draws the splits, and the SVM standardises each electrode on the training
+# part.
 
 # %%
 import torch
@@ -95,8 +97,8 @@ for (_, name), score in accuracy.items():
     print(f"{name:<24} {100 * score:.1f} %")
 
 # %% [markdown]
-# The score falls from above 90 % to near chance (50 %) as the test becomes more honest. Random grasps say most about what the
-# model has already seen. New objects alone cost a few points. What the model cannot stand is a new *session*.
+# The stricter the test, the lower the score: it falls from above 90 % to near chance (50 %). A test on random grasps mostly
+# measures what the model has already seen. New objects alone cost a few points. A new *session* costs nearly everything.
 
 # %%
 assert accuracy["raw", "random grasps"] > 0.88
@@ -107,9 +109,10 @@ assert accuracy["raw", "new objects and session"] < 0.62
 # %% [markdown]
 # ## Why: the sensor's level moves
 #
-# The mean over a finger's 24 electrodes, in each session (boxes hold the middle half of the grasps, whiskers nearly all). The level
-# of middle finger and thumb differs more between training sessions than within one. A model that has learnt levels is lost
-# in the next session. [A new day](04_new_day.py) asks whether this is the sensor or the object.
+# The figure shows the mean over the 24 electrodes of each finger, by session (boxes hold the middle half of the grasps, whiskers
+# nearly all). For the middle finger and the thumb, the level differs more between training sessions than within a session. A
+# model that has learnt levels fails in the next session. [A new day](04_new_day.py) asks whether the sensor or the object causes
+# this.
 
 # %% tags=["figure"]
 import matplotlib.pyplot as plt
@@ -129,15 +132,15 @@ figure.legend(boxes["boxes"][::3], parts, loc="outside upper right", ncols=2, fr
 plt.show()
 
 # %% [markdown]
-# ## The common mode brings it back
+# ## The common mode restores the score
 #
-# `CommonMode` subtracts, within each reading, the mean of each finger's electrodes. The level is gone, from the first grasp of a
-# session on, and only differences between electrodes are left.
+# `CommonMode` subtracts the mean over the electrodes of each finger from each reading. This removes the level from the first
+# grasp of a session on and leaves only the differences between electrodes.
 #
-# Of the index finger, even these differences do not carry over to another session. So the second step is to leave that finger out.
-# This was decided on training data alone, with the protocol "new objects and session"
-# ([how the choices were made](../docs/results/grasp_stability.md#how-the-choices-were-made)): trained on the index finger only, the
-# SVM is hardly better than chance there.
+# For the index finger, even these differences do not carry over to another session, so the second step is to leave this finger
+# out. We decided this on training data alone, with the protocol "new objects and session" ([how the choices were
+# made](../docs/results/grasp_stability.md#how-the-choices-were-made)): an SVM that is trained on the index finger only is hardly
+# better than chance there.
 
 # %%
 from torch_geometric_tactile.transforms import SelectChannels
@@ -148,7 +151,7 @@ print(f"common mode, index finger alone, new objects and session: {100 * alone:.
 assert alone < 0.6
 
 # %% [markdown]
-# Now both steps, one by one and together.
+# Now apply each step alone, and then both.
 
 # %%
 BEST = "common mode, middle + thumb"
@@ -164,8 +167,8 @@ for kind, transform in READINGS.items():
 accuracy = {key: float(answers.nanmean()) for key, answers in right.items()}
 
 # %% [markdown]
-# Grasps of one object resemble each other, so they are not independent. The bars below are the standard error over *objects*: 41
-# in training, but only ten in the official test.
+# Grasps of the same object are similar and therefore not independent. The bars below are the standard error over *objects*: 41 in
+# training, but only ten in the official test.
 
 # %% tags=["figure"]
 from torch_geometric_tactile.visualization import plot_protocols
@@ -185,13 +188,13 @@ for (kind, name), answers in right.items():
 plot_protocols({"SVM": scores}, chance=0.5)
 
 # %% [markdown]
-# - **New objects and session:** raw readings fail. One step alone gains 3 to 9 points; both together bring the score back to about 80 %.
-# - **Official test:** both together are best as well, at about 83 %. But here dropping the index finger does nearly all of it: raw
-#   readings of middle finger and thumb are one point behind, well within the error. The boxes above show a likely reason: in
-#   these test sessions, the levels of both fingers lie between those of the training sessions. A left-out training session lies
-#   outside. You cannot count on the next session to lie between.
-# - **Random grasps:** leaving a finger out *loses* about four points. What misleads in another session is a helpful hint in the same
-#   one, so a test with random grasps would have kept it.
+# - **New objects and session:** raw readings fail. One step alone gains 3 to 9 points. Both together reach about 80 %.
+# - **Official test:** both steps together are best here too, at about 83 %. But nearly all of the gain comes from dropping the
+#   index finger: raw readings of middle finger and thumb are one point behind, well within the error. The boxes above show a
+#   likely reason. In these test sessions, the levels of both fingers lie between those of the training sessions, while a left-out
+#   training session lies outside. You cannot expect this of the next session.
+# - **Random grasps:** leaving a finger out *loses* about four points. A feature that misleads in another session is useful in the
+#   same session, so a test with random grasps would have kept this finger.
 
 # %%
 session = {kind: accuracy[kind, "new objects and session"] for kind in ("raw", *READINGS)}
@@ -203,7 +206,7 @@ assert accuracy[BEST, "random grasps"] < accuracy["raw", "random grasps"] - 0.01
 
 # %% [markdown]
 # What would a robot notice? With the palm to the side, the raw SVM calls nearly every grasp of the official test stable. The
-# accuracy of 50 % hides that it is wrong in one direction only.
+# accuracy of 50 % hides that its errors all go in one direction.
 
 # %% tags=["figure"]
 from sklearn.metrics import confusion_matrix
@@ -230,11 +233,12 @@ assert palm_side(BEST)[1, 1] > 0.7 * palm_side(BEST)[1].sum()
 # %% [markdown]
 # ## Does a network change this?
 #
-# Two networks on the official test, trained with Lightning on raw readings and on those that were best above, with two seeds each.
-# `GraspGCN` is a graph convolution over the two nearest electrodes, the GCN-DF of a published paper; `TaxelNet` is ours and knows
-# directions on the skin. `tactile table bts3` trains them for 8 and 10 epochs with a schedule; here it is 5, to be short.
+# We train two networks with Lightning, on raw readings and on the best readings from above, with two seeds each, and score them
+# on the official test. `GraspGCN` is a graph convolution over the two nearest electrodes (the GCN-DF of a published paper).
+# `TaxelNet` is our network and uses directions on the skin. `tactile table bts3` trains them for 8 and 10 epochs with a schedule;
+# here we train for 5 epochs to save time.
 #
-# `TactileDataModule` fits the scaling on the training part. The `Predictor` takes raw readings, as a robot has them.
+# `TactileDataModule` fits the scaling on the training part. The `Predictor` takes raw readings, as a robot would.
 
 # %%
 from functools import partial
@@ -284,9 +288,9 @@ for (model, kind), values in rows.items():
 plot_protocols(table, chance=0.5)
 
 # %% [markdown]
-# The bars are the spread of two seeds (the SVM has no seed); the ten test objects add an error of about 3 points to every number.
-# The right readings gain more than ten points for the SVM and the GCN, and about six for `TaxelNet`. With them, no network beats
-# the SVM by more than that error.
+# The bars show the spread over two seeds (the SVM has no seed). The ten test objects add an error of about 3 points to every
+# number. The prepared readings gain more than ten points for the SVM and the GCN, and about six for `TaxelNet`. With these
+# readings, no network beats the SVM by more than the error.
 
 # %%
 mean = {key: sum(values) / len(values) for key, values in networks.items()}
@@ -297,12 +301,12 @@ assert abs(mean["TaxelNet", BEST] - official[BEST]) < 0.06
 # %% [markdown]
 # ## What to take from this
 #
-# - Say what was held out before you say how good a model is. Random grasps promised 91 %, a new session gave 54 %.
-# - Hold out what will be new in use. For a robot that is the session *and* the object. `Protocol("group", unseen="session")` does it
-#   inside the training data.
-# - The level of a tactile sensor moves. `CommonMode` on raw counts removes it within one reading, without labels and without a
-#   second reading. It also removes how strong the touch is on the whole: do not use it where that is the answer.
-# - A finger that drifts can be worse than no finger. Decide this on training data, as above, not on the test.
+# - Say what was held out before you say how good a model is. The score was 91 % on random grasps and 54 % in a new session.
+# - Hold out what will be new in use. For a robot, this is the session *and* the object. `Protocol("group", unseen="session")`
+#   does this within the training data.
+# - The level of a tactile sensor drifts. `CommonMode` on raw counts removes it within a single reading, without labels. It also
+#   removes the overall strength of the touch, so do not use it if your task depends on strength.
+# - Dropping a drifting finger can be better than keeping it. Decide this on training data, not on the test.
 # - Ten test objects give an error of about 3 points. Smaller differences between models mean nothing here.
 #
 # ## Next

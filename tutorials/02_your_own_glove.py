@@ -2,15 +2,16 @@
 # # Your own glove: can a model tell how an object is held?
 #
 # You have a glove with pressure sensors (taxels) and a logger that writes one CSV file per trial.
-# This tutorial goes from these files to a trained model in one file: look at a recording, describe
-# the layout, build a data set of ordinary PyG graphs, choose an honest split, train, save.
+# This tutorial goes from these files to a trained model in one file. You look at a recording,
+# describe the layout, build a data set of ordinary PyG graphs, choose a leakage-free split, train,
+# and save the model.
 #
 # - **Data**: 27 short recordings of a glove with 28 taxels and five bend sensors (88 kB). They are
-#   **simulated** by `data/make_glove.py` and no measurement, so the accuracies say nothing about
-#   real gloves. The traps in them are real: time in milliseconds, empty cells, and an offset that
-#   changes whenever the glove is put on.
-# - **You will see** a model that scores 96 % on a split by frame and 57 % on new trials, and the
-#   one transform that repairs it.
+#   **simulated** by `data/make_glove.py`, so the accuracies say nothing about real gloves. The
+#   difficulties are realistic: time in milliseconds, empty cells, and an offset that changes
+#   whenever the glove is put on.
+# - **You will see** a model that scores 96 % on a split by frame and 57 % on new trials, and one
+#   transform that fixes this.
 # - **Time**: about half a minute.
 
 # %%
@@ -33,18 +34,18 @@ print(*sorted(path.name for path in grasps.iterdir())[:4], "...")
 # %% [markdown]
 # ## 1. One file
 #
-# A file is one trial, named `<object>_<number>.csv`, and a row is one frame. The hand is open at
-# first and then holds the object in a *power*, *pinch* or *tripod* grasp; the column `grasp` says
-# which, frame by frame.
+# Each file is a trial, named `<object>_<number>.csv`, and each row is a frame. The hand is open at
+# first and then holds the object in a *power*, *pinch* or *tripod* grasp. The column `grasp` gives
+# the grasp of each frame.
 
 # %%
 for line in (grasps / "mug_1.csv").read_text().splitlines()[:3]:
     print(line)
 
 # %% [markdown]
-# `read_recording` needs to know which column is what. Angles are in radians unless the name of the
-# column ends in `_deg`, and the unit of the time is read from `time_ms`. An empty cell is a missing
-# reading (NaN) and never a zero.
+# `read_recording` needs the meaning of the columns. Angles are in radians unless the name of the
+# column ends in `_deg`, and the unit of time is taken from the name `time_ms`. An empty cell is a
+# missing reading (NaN), never a zero.
 
 # %%
 from torch_geometric_tactile.io import read_recording
@@ -61,9 +62,9 @@ print(recording)
 # %% [markdown]
 # ## 2. The layout
 #
-# A layout says where each taxel is, in metres and **in the order of the columns**. This glove is
-# described as it lies flat on a table: a palm with ten taxels, and five fingers at an angle.
-# `patch` says which part of the glove a taxel belongs to.
+# A layout holds the position of each taxel, in metres and **in the order of the columns**. We
+# describe this glove as it lies flat on a table: a palm with ten taxels, and five fingers at an
+# angle. `patch` names the part of the glove of each taxel.
 
 # %%
 from math import cos, radians, sin
@@ -89,9 +90,9 @@ layout.save(folder / "glove.json")
 print(layout)
 
 # %% [markdown]
-# Check it with your eyes before you train on it. The colours are the change from the open hand to a
-# pinch: thumb and index finger must light up. If other taxels do, the order of the columns and the
-# layout differ.
+# Check the layout visually before you train. The colours show the change from the open hand to a
+# pinch: thumb and index finger must light up. If other taxels do, the column order and the layout
+# do not match.
 
 # %% tags=["figure"]
 import numpy as np
@@ -104,7 +105,7 @@ change = np.nanmean(recording.tactile[10:, :, 0], 0) - np.nanmean(recording.tact
 plot_layout(layout, torch.from_numpy(change), title="A pinch", label="change in counts")
 
 # %% [markdown]
-# The same recording over time. Missing cells are grey.
+# The next figure shows the same recording over time. Missing cells are grey.
 
 # %% tags=["figure"]
 from torch_geometric_tactile.visualization import plot_recording
@@ -114,8 +115,8 @@ plot_recording(recording, rest=0.3)
 # %% [markdown]
 # ## 3. A data set
 #
-# `RecordingFrames` reads the whole folder once. `KNNGraph` joins each taxel to its four nearest
-# ones; it is a `pre_transform`, so it is computed once and stored.
+# `RecordingFrames` reads the whole folder once. `KNNGraph` connects each taxel to its four nearest
+# neighbours. As a `pre_transform`, it is computed once and stored.
 
 # %%
 from torch_geometric_tactile.datasets import RecordingFrames
@@ -134,8 +135,8 @@ print(raw[0])
 # %% [markdown]
 # ## 4. It is ordinary PyG
 #
-# `raw[0]` is a `torch_geometric.data.Data` object, so PyG's `DataLoader` and layers work on it, and
-# a training loop is the one that you know:
+# `raw[0]` is a `torch_geometric.data.Data` object. PyG's `DataLoader` and layers work on it, and
+# the training loop is the usual one:
 
 # %%
 from torch_geometric.loader import DataLoader
@@ -161,19 +162,18 @@ print(f"mean loss of the first epoch {losses[0]:.2f}, of the last {losses[-1]:.2
 assert losses[-1] < losses[0]
 
 # %% [markdown]
-# That is the mechanics only: the loss is on the training data, and a mean over all taxels forgets
-# where the hand is touched.
+# This only shows the mechanics: the loss is that of the training data, and a mean over all taxels
+# loses the position of the touch.
 #
 # ## 5. Train with Lightning, on two splits
 #
-# `TactileDataModule` splits the data set, fits the scaling on the training part and loads batches;
-# `TactileModule` is the training step. `TaxelNet` is [the model to take
-# first](../docs/models.md). With three folds every frame is tested on once, by a model that was not
-# trained on it.
+# `TactileDataModule` splits the data set, fits the scaling on the training part and loads batches.
+# `TactileModule` is the training step. `TaxelNet` is [the model to try first](../docs/models.md).
+# With three folds, each frame is tested once, by a model that was not trained on it.
 #
-# - `Protocol("frame", ...)` draws each frame by itself, so that nearly every test frame has
-#   neighbours of the same trial in the training part.
-# - `Protocol("trial", ...)` holds out whole trials, which is what a user of the glove will meet.
+# - `Protocol("frame", ...)` draws frames at random, so nearly every test frame has neighbours of
+#   the same trial in the training part.
+# - `Protocol("trial", ...)` holds out whole trials, which is what a user of the glove will face.
 
 # %%
 from torch_geometric.transforms import Compose
@@ -197,9 +197,9 @@ def train(transform, split, fold):
 
 
 # %% [markdown]
-# The third run subtracts what each taxel reads while the hand is open, the mean of the first 0.3 s
-# of each trial: `Tare("trial", seconds=0.3)`. It needs no labels, so it may measure held-out trials
-# as well. In all three runs missing readings become the mean.
+# The third run subtracts the rest of each trial: `Tare("trial", seconds=0.3)` measures the mean of
+# each taxel in the first 0.3 s, while the hand is open. It needs no labels, so it may also measure
+# held-out trials. In all three runs, missing readings are replaced by the mean.
 
 # %%
 import matplotlib.pyplot as plt
@@ -228,9 +228,9 @@ ax.invert_yaxis()
 figure.tight_layout()
 
 # %% [markdown]
-# The split by frame looks best and is misleading: the model recognises the *offsets of each trial*.
-# On new trials the same model on the same raw readings fails. With the rest subtracted it works on
-# new trials as well.
+# The split by frame gives the best score and is misleading: the model recognises the *offsets of
+# each trial*. On new trials, the same model fails on the same raw readings. With the rest
+# subtracted, it works on new trials as well.
 
 # %%
 frame_split, trial_split, with_tare = (np.mean(values) for values in accuracy.values())
@@ -238,7 +238,7 @@ assert frame_split > trial_split + 0.2  # the split by frame promises too much
 assert with_tare > trial_split + 0.2  # the tare brings it back
 
 # %% [markdown]
-# Which grasps are confused? Each trial is judged by the model that was not trained on it.
+# Which grasps are confused? Each trial is classified by the model that was not trained on it.
 
 # %% tags=["figure"]
 from torch_geometric_tactile import analysis
@@ -260,15 +260,15 @@ print(f"{len(wrong)} frames are wrong; {int((wrong < 0.45).sum())} of them are b
 assert (wrong < 0.45).float().mean() > 0.5
 
 # %% [markdown]
-# The hand begins to close at 0.3 s, and `grasp` says so at once, though the fingers hardly press
-# yet. So most wrong frames are at the start of a grasp. Labels that a person types while recording
-# are early or late in the same way.
+# The hand begins to close at 0.3 s, and the label changes at once, although the fingers hardly
+# press yet. Most wrong frames are therefore at the start of a grasp. Labels that a person sets
+# while recording are early or late in the same way.
 #
-# ## 6. One file for later
+# ## 6. Save one file
 #
-# A predictor keeps layout, tare, scaling, weights and class names in one file, and takes readings
-# as they come from the glove. Because this one subtracts the rest, it must measure the rest of each
-# new trial once: `adapt`.
+# A predictor stores layout, tare, scaling, weights and class names in one file and takes raw
+# readings of the glove. This predictor subtracts the rest, so it must measure the rest of each new
+# trial once: call `adapt`.
 
 # %%
 from torch_geometric_tactile import Predictor
@@ -288,9 +288,9 @@ assert labels == [raw.class_names[i] for i in same_trial]  # as in training and 
 # %% [markdown]
 # ## 7. Windows, and other questions
 #
-# One frame says what is touched now. `Windows` cuts consecutive frames of a trial, never across two
-# trials. A taxel of a window has the frames of all its channels as features, so a `TaxelNet` of
-# these windows has `in_channels=5`.
+# A single frame shows only the present touch. `Windows` cuts consecutive frames of a trial, never
+# across two trials. Each taxel of a window has the frames of all its channels as features, so a
+# `TaxelNet` for these windows has `in_channels=5`.
 
 # %%
 from torch_geometric_tactile.data import Windows
@@ -299,8 +299,8 @@ windows = Windows(raw, length=5, hop=1)
 print(windows, "of", raw, "with readings of shape", tuple(windows[0].x.shape))
 
 # %% [markdown]
-# A split by trial still has every object in the training part. A `Protocol` says what is held out;
-# with `"group"` it is the object. `TactileDataModule(dataset, split=protocol, fold=0)` takes it.
+# A split by trial still has every object in the training part. To hold out objects, use a
+# `Protocol` with `"group"`, and pass it as `TactileDataModule(dataset, split=protocol, fold=0)`.
 
 # %%
 protocol = Protocol("group", leave_one_out=True)
@@ -311,10 +311,10 @@ for fold in range(3):
     assert not (raw.data.group[split.train] == held).any()
 
 # %% [markdown]
-# ## 8. Common mistakes, and what they say
+# ## 8. Common mistakes and their messages
 #
-# **A column too many.** Without `tactile=...` every column that is nothing else is a reading, here
-# the bend sensors as well.
+# **An additional column.** Without `tactile=...`, every column without another meaning is a
+# reading. Here the bend sensors become readings too.
 
 # %%
 try:
@@ -323,7 +323,7 @@ except ValueError as error:
     print(error)
 
 # %% [markdown]
-# **A missing label.** Give the frame a label, or remove the row.
+# **A missing label.** Label the frame or remove the row.
 
 # %%
 broken = folder / "mug_9.csv"
@@ -335,7 +335,7 @@ except ValueError as error:
     print(str(error).replace(f"{folder}/", ""))
 
 # %% [markdown]
-# **Another unit of time.** The column is called `time_ms`; whoever says seconds is asked.
+# **The wrong unit of time.** The column is called `time_ms`, so declaring seconds is an error.
 
 # %%
 try:
@@ -344,7 +344,8 @@ except ValueError as error:
     print(error)
 
 # %% [markdown]
-# **Another number of channels than the model has.** A glove has one, most models begin with three.
+# **The wrong number of channels.** A glove has one channel, while most models expect three by
+# default.
 
 # %%
 try:
@@ -353,9 +354,9 @@ except ValueError as error:
     print(error)
 
 # %% [markdown]
-# ## 9. The same from the command line
+# ## 9. On the command line
 #
-# `tactile convert` names the columns once; every other command reads the HDF5 file.
+# `tactile convert` needs the names of the columns once. Every other command reads the HDF5 file.
 
 # %%
 import os
@@ -369,8 +370,8 @@ assert main(["inspect", "mug_1.h5", "--no-picture"]) == 0
 assert main(["predict", "glove.predictor", "mug_1.h5", "--adapt", "--out", "p.csv"]) == 0
 
 # %% [markdown]
-# In a terminal (`tactile compare` tries several models on your data, with their settings chosen
-# without the test part):
+# In a terminal, you would type the following. `tactile compare` tries several models on your data
+# and chooses their settings without the test part.
 #
 # ```sh
 # tactile convert mug_1.csv mug_1.h5 --tactile '(palm|thumb|index|middle|ring|little)_\d+' \
@@ -382,19 +383,18 @@ assert main(["predict", "glove.predictor", "mug_1.h5", "--adapt", "--out", "p.cs
 #
 # ## What to take from this
 #
-# - Three things describe a glove: the names of the columns, a layout in metres, and what a trial
-#   is.
-# - A data set of recordings is a PyG data set: loaders, transforms and layers of PyG work on it.
-# - Split by what will be new. Here a split by frame gave 0.96 and new trials gave 0.57, with the
-#   same model.
-# - Subtract the rest of each trial. Here that raised the accuracy on new trials from 0.57 to 0.97.
-# - The numbers are of a simulated glove. Run the same three lines on yours before you believe any
-#   of them.
+# - A glove is described by three things: the names of the columns, a layout in metres, and the
+#   definition of a trial.
+# - A data set of recordings is a PyG data set: PyG's loaders, transforms and layers work on it.
+# - Split by what will be new. For the same model, a split by frame gave 0.96 and new trials gave
+#   0.57.
+# - Subtract the rest of each trial. This raised the accuracy on new trials from 0.57 to 0.97.
+# - The glove is simulated. Repeat the three runs on your glove before you trust these numbers.
 #
 # ## Next
 #
-# - [To a live robot](03_live_robot.py): the predictor on a serial port
-# - [Your own data](../docs/your_own_data.md): the same as a page, and [your own
+# - [To a live robot](03_live_robot.py): run the predictor on a serial port
+# - [Your own data](../docs/your_own_data.md): the same steps as a page, and [your own
 #   classes](../docs/your_own_classes.md)
 # - [Time](../docs/time.md): windows and whole trials, and [scaling](../docs/scaling.md): tare,
 #   common mode, one scale per channel

@@ -1,15 +1,16 @@
 # %% [markdown]
 # # To a live robot: does the model say the same as in the lab?
 #
-# A trained model is of use when it judges the next frame, not the last recording. This tutorial
-# trains a small model, writes it as one ONNX file, sends a recording through a serial port frame by
-# frame as a sensor would, and compares the live labels with those of the recording.
+# A trained model is useful if it classifies the next frame, not only recordings. This tutorial
+# trains a small model and exports it as one ONNX file. It then sends a recording through a serial
+# port frame by frame, as a sensor would, and compares the live labels with the offline labels of
+# the recording.
 #
-# - **Data**: the simulated glove of [tutorial 2](02_your_own_glove.py) (no measurement). The port
-#   is a pseudo terminal (pty): for the program that reads it a serial device like any other.
-# - **You will see** the rest being measured, labels while frames arrive, the latency from the last
-#   byte to the label, and that live and offline labels are the same.
-# - **Time**: about half a minute. Linux or macOS; Windows has no pty, see the end.
+# - **Data**: the simulated glove of [tutorial 2](02_your_own_glove.py). The port is a pseudo
+#   terminal (pty), which looks like a serial device to the program that reads it.
+# - **You will see** how the rest is measured, labels of arriving frames, the latency from the last
+#   byte to the label, and that live and offline labels agree.
+# - **Time**: about half a minute. Linux or macOS only, since Windows has no pty (see the end).
 
 # %%
 import logging
@@ -32,9 +33,9 @@ grasps = Path(shutil.copytree("data/glove", folder / "grasps"))
 # %% [markdown]
 # ## 1. A model
 #
-# As in tutorial 2, in short: a layout, the recordings, a tare per trial, `TaxelNet`. All trials
-# with the pen are the test part, so that object is new to the model; one of its trials is played
-# below.
+# We repeat the steps of tutorial 2: a layout, the recordings, a tare per trial, and `TaxelNet`. All
+# trials with the pen are the test part, so this object is new to the model. One of these trials is
+# replayed below.
 
 # %%
 from torch_geometric.transforms import Compose
@@ -72,10 +73,10 @@ print(f"accuracy on the new object: {metrics['test/accuracy']:.3f}")
 # %% [markdown]
 # ## 2. Two files
 #
-# The **predictor** keeps layout, tare, scaling, network and class names together; it needs PyTorch.
-# The **ONNX file** holds the same from raw reading to probability, and a robot runs it with
-# onnxruntime alone. Never deploy the bare network: it expects scaled readings, and answers raw ones
-# without complaint, and wrongly.
+# The **predictor** contains layout, tare, scaling, network and class names, and needs PyTorch. The
+# **ONNX file** contains the same steps from raw reading to probability, and a robot runs it with
+# onnxruntime alone. Never deploy the bare network: it expects scaled readings, and gives wrong
+# answers for raw readings without an error.
 
 # %%
 from torch_geometric_tactile.predictor import export_onnx
@@ -89,9 +90,9 @@ for name in ("glove.predictor", "glove.onnx"):
 # %% [markdown]
 # ## 3. A sensor to read
 #
-# We play a trial of the new object at 100 Hz: the open hand for a second, the grasp for two, and
-# the open hand again. (The file has 22 frames; they are repeated.) `encode_packet` makes the bytes
-# that a device with our firmware sends, with a counter and a CRC32.
+# We replay a trial of the new object at 100 Hz: the open hand for a second, the grasp for two
+# seconds, and the open hand again. (The file has 22 frames, which are repeated.) `encode_packet`
+# creates the bytes that a device with our firmware sends, with a counter and a CRC32.
 
 # %%
 import os
@@ -114,9 +115,9 @@ def send(port):
 # %% [markdown]
 # ## 4. Live
 #
-# The `Judge` takes the newest frame only, so it never lags behind. Its `Rest` collects 0.8 s in
-# which nothing moves; before that there is no label. A `Callback` is your code: here it keeps the
-# judgements, on a robot it would close the hand.
+# The `Judge` takes only the newest frame, so it never lags behind. Its `Rest` collects 0.8 s
+# without movement; before that, there is no label. A `Callback` is your code. Here it stores the
+# judgements; on a robot, it would close the hand.
 
 # %%
 from torch_geometric_tactile.live import Callback, Judge, LiveSession, Rest, open_source
@@ -163,8 +164,8 @@ figure.tight_layout()
 # %% [markdown]
 # ## 5. The same labels as offline
 #
-# Offline, the predictor measures the same rest and is given the whole recording at once. Every live
-# label must be the same, and the probabilities must agree to the rounding of float32.
+# Offline, the predictor measures the same rest and gets the whole recording at once. Every live
+# label must equal the offline label, and the probabilities must agree to the rounding of float32.
 
 # %%
 import numpy as np
@@ -188,8 +189,9 @@ assert difference < 1e-4
 # %% [markdown]
 # ## 6. How long does a label take?
 #
-# From the last byte of a frame to its label, with the ONNX file and with PyTorch. The numbers are
-# those of the machine that ran this page, which does other work as well; measure yours.
+# The figure shows the time from the last byte of a frame to its label, with the ONNX file and with
+# PyTorch. The numbers are those of the machine that ran this page, which was also doing other work.
+# Measure them on your machine.
 
 # %% tags=["figure"]
 slower, _ = play(folder / "glove.predictor")
@@ -212,29 +214,30 @@ assert all(judgement.label == labels[order[judgement.sequence]] for judgement in
 # %% [markdown]
 # ## On a robot
 #
-# The same session from the command line, with every frame recorded and shown in the browser:
+# On the command line, this is the same session. It also records every frame and shows it in the
+# browser:
 #
 # ```sh
 # tactile ports
 # tactile live "serial:/dev/ttyACM0?protocol=cobs" --model glove.onnx --record grasp.mcap --view
 # ```
 #
-# **Without a pty** (Windows): any recording is a source as well,
-# `open_source("file:mug.h5?speed=1")`, and `tactile replay mug.h5 --serve ws` sends it on a
-# WebSocket, if it has three channels of counts. A pair of virtual COM ports (com0com) takes the
-# place of the pty.
+# **Without a pty** (Windows), a recording can be the source: `open_source("file:mug.h5?speed=1")`.
+# If it has three channels of counts, `tactile replay mug.h5 --serve ws` sends it over a WebSocket.
+# A pair of virtual COM ports (com0com) replaces the pty.
 #
 # ## What to take from this
 #
 # - Deploy the predictor or its ONNX file, never the bare network.
 # - A model that was trained relative to rest needs a rest before its first label. Leave the sensor
-#   alone for a second.
-# - Labels were the same live and offline, from the same rest, in PyTorch and in ONNX.
-# - Judge the newest frame; the recorder keeps all of them.
+#   untouched for a second.
+# - From the same rest, labels were the same live and offline, in PyTorch and in ONNX.
+# - The judge takes the newest frame; the recorder stores all frames.
 #
 # ## Next
 #
-# - [A new day](04_new_day.py): what changes when the sensor does
-# - [Live](../docs/live.md): sources, health, reconnecting; [export](../docs/predictor.md#export-one-onnx-file-from-reading-to-label); [the
-#   predictor](../docs/predictor.md)
+# - [A new day](04_new_day.py): what happens if the sensor changes
+# - [Live](../docs/live.md): sources, health and reconnecting
+# - [Predictors](../docs/predictor.md) and [their
+#   export](../docs/predictor.md#export-one-onnx-file-from-reading-to-label)
 # - [Your own device](../docs/your_own_classes.md#a-live-device): a decoder for your board

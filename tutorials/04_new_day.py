@@ -1,18 +1,18 @@
 # %% [markdown]
 # # A new day: is it the sensor or the object?
 #
-# A model of grasp stability has 91 % accuracy. The next day, on new objects, it has 70 %. Did the sensor change, or are the objects
-# too different? The data are those of [tutorial 1](01_real_grasps.py): 5,831 real grasps with three BioTac SP fingertips (BTS3,
-# a download of 2 MB).
+# A model of grasp stability has an accuracy of 91 %. The next day, with new objects, the accuracy is 70 %. Did the sensor change,
+# or are the objects too different? The data are those of [tutorial 1](01_real_grasps.py): 5,831 real grasps with three BioTac SP
+# fingertips (BTS3, a download of 2 MB).
 #
-# You will see how to separate the two with data that you already have, four ways to prepare the readings, and how many grasps of a
-# new session a robot must make before scaling by session works. It takes about half a minute on one CPU core.
+# You will see how to separate the two causes with data that you already have, four ways to prepare the readings, and how many
+# grasps of a new session are needed before scaling by session works. The tutorial takes about half a minute on one CPU core.
 
 # %% [markdown]
-# ## What the data can tell
+# ## What the data can show
 #
-# The official test has other objects *and* other sessions, so it cannot separate the two. The training set can: the same 41 objects
-# were grasped in each of its three sessions, which differ in the pose of the palm and in when they were recorded.
+# The official test has other objects *and* other sessions, so it cannot separate the two. The training set can: the same 41
+# objects were grasped in each of its three sessions, which differ in the pose of the palm and in time.
 
 # %%
 from torch_geometric_tactile.datasets import BioTacSP
@@ -27,8 +27,8 @@ for number, name in enumerate(every.session_names):
     )
 
 # %% [markdown]
-# First, look at the readings. Below is the mean over each finger's 24 electrodes, grasp by grasp, in the order of the files. It is
-# the level of the finger, in raw counts.
+# First, look at the readings. The figure shows the mean over the 24 electrodes of each finger, grasp by grasp, in the order of
+# the files. This mean is the level of the finger, in raw counts.
 
 # %% tags=["figure"]
 import matplotlib.pyplot as plt
@@ -48,14 +48,14 @@ axes[2].set_xlabel("grasp, in the order of the files")
 plt.show()
 
 # %% [markdown]
-# The level jumps between sessions. Within a session it drops at some places, of several fingers at once, and rises again over about a
-# hundred grasps, that is over several objects. This is how a sensor looks that settles after a restart. The authors do not say what
-# happened there, nor that the rows are in the order of recording; the smooth rises suggest it.
+# The level jumps between sessions. Within a session, it drops at some places, often for several fingers at once, and rises again
+# over about a hundred grasps and several objects. A sensor that settles after a restart looks like this. The authors neither
+# explain these drops nor say that the rows are in the order of recording, but the smooth rises suggest it.
 #
 # ## The same object, twice
 #
-# Some objects were grasped again later in the same session. If the object set the level, the same object would come back to the same
-# level, and the next object would have another one. Let us compare the mean levels of runs of grasps of one object.
+# Some objects were grasped again later in the same session. If the object determined the level, the same object would return to
+# the same level, and the next object would have a different one. We compare the mean levels of runs of grasps of one object.
 
 # %%
 from torch_geometric.utils import scatter
@@ -86,10 +86,11 @@ axes[0].set_ylabel("change of the level (counts)")
 plt.show()
 
 # %% [markdown]
-# A new object changes the level by about 40 counts on average. The *same* object, some hundreds of grasps later, differs from itself
-# by two to three times as much. (There are only 13 such pairs.) So the level follows time more than the object.
+# A new object changes the level by about 40 counts on average. The *same* object, some hundreds of grasps later, differs from
+# itself by two to three times as much (there are only 13 such pairs). The level therefore depends on time more than on the
+# object.
 #
-# Is it the pose of the palm? If it were, the poses would differ in the test as they do in training. They do not:
+# Is the pose of the palm the cause? If it were, the poses would differ in the test as much as in training. They do not:
 
 # %%
 next_object, same_later, _ = (pairs.mean(0) for pairs in changes.values())
@@ -107,18 +108,18 @@ for finger, name in enumerate(FINGERS):
 # %% [markdown]
 # ## Four scores in place of one
 #
-# Now the model. `Protocol` holds out objects, sessions, or both, inside the training set. That gives a table with two rows and two
-# columns. And there are four ways to prepare the readings:
+# Now train the model. `Protocol` holds out objects, sessions or both within the training set, which gives a table of two rows and
+# two columns. The readings are prepared in four ways:
 #
-# | readings | what is done | what it needs |
+# | readings | preparation | requirement |
 # |---|---|---|
-# | raw | mean and deviation of each electrode in the training part | nothing |
-# | tare | the mean of each electrode in its session is subtracted first | unlabelled grasps of the session |
+# | raw | mean and deviation of each electrode in the training part | none |
+# | tare | first subtracts the mean of each electrode in its session | unlabelled grasps of the session |
 # | session | mean and deviation of each electrode in its session | unlabelled grasps of the session |
-# | common mode | each finger's mean in this one reading is subtracted; middle finger and thumb only | nothing |
+# | common mode | subtracts each finger's mean in this reading; middle finger and thumb only | none |
 #
-# A real tare subtracts readings at rest, before touch (`Tare("session", first=...)`). This data set has none, so the mean of the
-# session is used in their place. `fit_parts(..., adapt=True)` measures a new session and changes nothing else.
+# A real tare subtracts readings at rest, before touch (`Tare("session", first=...)`). This data set has none, so we use the mean
+# of the session instead. `fit_parts(..., adapt=True)` measures a new session and changes nothing else.
 
 # %%
 import copy
@@ -190,13 +191,15 @@ table = {name: {k: (accuracy[k, name], error[k, name]) for k in READINGS} for na
 plot_protocols({"SVM": table}, chance=0.5)
 
 # %% [markdown]
-# Bars are the standard error over the 41 objects, about one point. Read the first row. New objects cost a few points. A new session with the *same* objects costs more than thirty, and new objects on
-# top of it hardly anything more. **It is the session, not the object.**
+# The bars show the standard error over the 41 objects, about one point. In the first row, new objects cost a few points. A new
+# session with the *same* objects costs more than thirty, and new objects on top of it cost hardly anything more. **The cause is
+# the session, not the object.**
 #
-# In the lower rows the session costs much less. Scaling by session and the common mode both keep above 80 % with new objects in a new
-# session. The price of the common mode, and of the finger that it leaves out, is a few points where nothing has changed.
+# In the lower rows, the session costs much less. Scaling by session and the common mode both stay above 80 % with new objects in
+# a new session. The common mode, with one finger left out, loses a few points if nothing has changed.
 #
-# A caveat: here a session is a pose *and* a time. The levels above speak for the time; with these data, accuracy cannot tell.
+# A caveat: here, a session is a pose *and* a time. The levels above suggest that time is the cause, but accuracy cannot separate
+# the two with these data.
 
 # %%
 same, objects, sessions, both = PROTOCOLS
@@ -209,9 +212,9 @@ assert min(accuracy["session", both], accuracy["common mode", both]) > raw[both]
 # %% [markdown]
 # ## How many grasps does a new session need?
 #
-# Scaling by session needs grasps of the session before it can scale the first one. We train on all training grasps and go to the
-# official test: three new sessions, ten new objects. In each session the robot makes $n$ grasps, drawn at random, without labels.
-# The scaling measures them; the score is that of all other grasps. Four draws for each $n$.
+# Scaling by session must see some grasps of the session first. We train on all training grasps and test on the official test:
+# three new sessions, ten new objects. In each session, the robot makes $n$ grasps, drawn at random, without labels. The scaling
+# measures these, and the score is that of all other grasps. We repeat the draw four times for each $n$.
 
 # %%
 draws = torch.Generator().manual_seed(0)
@@ -265,9 +268,9 @@ ax.legend()
 plt.show()
 
 # %% [markdown]
-# With two grasps, a deviation is not known and scaling by session is at chance, far *below* doing nothing. From 10 to 20 grasps on,
-# both are near their best, about 80 %. The tare needs fewer, since it measures a mean only. The common mode needs none and is as good
-# or better here; the test's ten objects give an error of about 3 points, so do not read more into that.
+# Two grasps do not determine a deviation, and scaling by session is at chance, far *below* raw readings. From 10 to 20 grasps on,
+# both methods are near their best, about 80 %. The tare needs fewer grasps, since it measures only a mean. The common mode needs
+# none and is as good or better here. The ten test objects give an error of about 3 points, so do not read more into this.
 
 # %%
 mean = {(kind, n): float(v.mean()) for kind in curves for n, v in curves[kind].items()}
@@ -279,8 +282,8 @@ assert nothing_needed["common mode"] > mean["session", 100] - 0.03
 # %% [markdown]
 # ## Which grasps?
 #
-# The draws above mix all ten objects and both outcomes. A robot on a new day may not. What if it makes 20 grasps of *one* object in
-# each session, or happens to make only stable ones, or only slipping ones?
+# The draws above mix all ten objects and both outcomes, which a robot on a new day may not do. What if it makes 20 grasps of
+# *one* object in each session, or only stable or only slipping grasps?
 
 # %% tags=["figure"]
 one_object = [test.group == number for number in test.group.unique()]
@@ -309,9 +312,9 @@ ax.legend(loc="lower left")
 plt.show()
 
 # %% [markdown]
-# Each dot is one draw. Adapted on one object, scaling by session falls below raw readings for most objects: it takes what this object
-# does to the readings for the sensor's offset and gain. Slipping grasps only also cost points; stable ones cost little here. The
-# scaling uses no labels, but it needs sessions that mix objects and outcomes.
+# Each dot is one draw. Adapted on one object, scaling by session falls below raw readings for most objects: it mistakes the
+# effect of this object for the offset and gain of the sensor. Slipping grasps alone also cost points, while stable ones cost
+# little here. The scaling uses no labels, but it needs sessions that mix objects and outcomes.
 
 
 # %%
@@ -327,18 +330,20 @@ assert average("slipping only", "session") < average("all objects", "session") -
 # %% [markdown]
 # ## What to take from this
 #
-# - One test with new objects *and* a new session cannot say what went wrong. Record the same objects on two days, and hold out
-#   objects, sessions, and both.
-# - On these data it is the session: same objects in a new session cost over 30 points, new objects in a known session a few.
+# - A single test with new objects *and* a new session cannot show the cause of an error. Record the same objects on two days, and
+#   hold out objects, sessions, and both.
+# - In these data, the cause is the session: the same objects in a new session cost over 30 points, new objects in a known session
+#   a few.
 # - If you can, record a few frames at rest in each session and use `Tare("session", first=...)`. These data have none.
-# - `CommonMode` needs no grasp of the new session. Scaling by session needs 10 to 20 in each, of several objects and both outcomes.
-#   With fewer, or of one object, it can be worse than doing nothing.
-# - What these data cannot tell: whether the sensor's offset, its temperature or the force of the grasp changed. Without readings at
-#   rest, all of them look the same.
+# - `CommonMode` needs no grasps of the new session. Scaling by session needs 10 to 20 in each, of several objects and both
+#   outcomes. With fewer grasps, or grasps of one object, it can be worse than raw readings.
+# - These data cannot show whether the sensor's offset, its temperature or the grasp force changed. Without readings at rest,
+#   these causes look the same.
 #
 # ## Next
 #
 # - [To a live robot](03_live_robot.py): rest and tare on a running sensor
 # - [What has it learnt?](10_what_it_learnt.py)
-# - [Session scaling: what it may and may not assume](../docs/scaling.md#session-scaling-assumptions-and-limits), [from raw readings to inputs](../docs/scaling.md)
+# - [Session scaling: what it may and may not assume](../docs/scaling.md#session-scaling-assumptions-and-limits), and [from raw
+#   readings to inputs](../docs/scaling.md)
 # - [All results on these grasps](../docs/results/grasp_stability.md)

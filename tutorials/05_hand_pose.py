@@ -1,20 +1,21 @@
 # %% [markdown]
 # # The hand moves: what does a graph gain from pose?
 #
-# The taxels of a hand move with its joints. Joint angles and kinematics tell where every taxel is
-# when it is pressed. Does a model that knows this do better? This tutorial places 384 taxels by 16
-# joint angles, looks at what that does to the edges of the graph, and then asks two questions of
-# the same 640 frames: how wide is the object (in millimetres), and what shape has it? The pose
-# answers the first much better, and the second not measurably better.
+# The taxels of a hand move with its joints. Joint angles and kinematics give the position of every
+# taxel at the moment of touch. Does a model profit from this? This tutorial places 384 taxels by 16
+# joint angles and shows how this changes the edges of the graph. It then asks two questions about
+# the same 640 frames: how wide is the object (in millimetres), and what is its shape? The pose
+# improves the first answer clearly, and the second not measurably.
 #
 # **Simulated**: nothing on this page is a result on a real hand. It takes about half a minute.
 
 # %% [markdown]
 # ## 640 frames of 320 grasps
 #
-# The file holds two frames each of 320 simulated grasps of 40 boxes, cylinders, ellipsoids and
-# spheres, 60 to 94 mm wide. Readings are in counts, less their mean while the hand hovered, and
-# rounded to 40 counts. `data/simulate_hand.py` wrote it; the next tutorial simulates grasps live.
+# The file holds two frames from each of 320 simulated grasps of 40 boxes, cylinders, ellipsoids and
+# spheres that are 60 to 94 mm wide. Readings are in counts, relative to their mean while the hand
+# hovered, and rounded to 40 counts. `data/simulate_hand.py` wrote the file. The next tutorial
+# simulates grasps live.
 
 # %%
 import numpy as np
@@ -35,10 +36,10 @@ data = StaticData(
 print(data)
 
 # %% [markdown]
-# ## Kinematics: where the taxels are
+# ## Kinematics: taxel positions
 #
-# `TaxelPose` computes the position, the normal and the two other axes of each taxel in the frame
-# of the palm from the joint angles. The layout alone knows only where a taxel is on its link.
+# `TaxelPose` computes the position, the normal and the two other axes of each taxel from the joint
+# angles, in the frame of the palm. The layout alone only has the position of a taxel on its link.
 
 # %% tags=["figure"]
 import matplotlib.pyplot as plt
@@ -56,11 +57,11 @@ for axes, (title, joint) in zip(panels, views.items(), strict=True):
     plot_hand(layout, joint=joint, value=pressure, ax=axes, label="counts", title=title, **turned)
 
 # %% [markdown]
-# ## What the pose does to the edges
+# ## How the pose changes the edges
 #
-# `GeometricEdgeAttr` gives each edge its length and its vector, from the positions of the frame:
-# four numbers for each of 1,401 edges. But most edges of the hand join two taxels of the same
-# link, and a link is rigid.
+# `GeometricEdgeAttr` computes the length and the vector of each edge from the positions of the
+# frame: four numbers for each of 1,401 edges. However, most edges of the hand connect two taxels of
+# the same link, and a link is rigid.
 
 # %%
 from torch_geometric_tactile.transforms import GeometricEdgeAttr
@@ -76,9 +77,9 @@ assert change[~crosses].max() < 1e-3
 assert crosses.float().mean() < 0.15
 
 # %% [markdown]
-# The lengths of the fixed edges hold next to nothing about the pose; their directions do. Another
-# way to use the pose is a graph of *near* taxels, drawn anew for each frame: when the hand closes,
-# taxels of different digits become neighbours.
+# The lengths of the fixed edges contain almost no information about the pose, but their directions
+# do. Another way to use the pose is a graph of *near* taxels that is built for each frame: when the
+# hand closes, taxels of different digits become neighbours.
 
 # %%
 from torch_geometric_tactile.sensors import HandKinematics
@@ -108,13 +109,13 @@ plot_hand(layout, **shown, edge_label="change of length in mm", azimuth=70)
 # ## The models
 #
 # * **`PosedTaxelNet`** takes the 48 touched taxels with the largest pressure as points in the frame
-#   of the palm: position, normal, force. It has no edges. That is the way of using the pose that worked
-#   best in [our study](../docs/results/hand_study.md).
-# * **`PosedTaxelNet`, open hand** is the same network with the same weights to train, but with the
-#   taxels where they are on an open hand. The difference between the two is what the pose is
-#   worth.
-# * **FNN + joints**: two fully connected layers on all readings and the joint angles, side by
-#   side. It has all of the information, but no geometry.
+#   of the palm, with position, normal and force. It has no edges. In [our
+#   study](../docs/results/hand_study.md), this was the best way to use the pose.
+# * **`PosedTaxelNet`, open hand** is the same network with the same number of weights, but its
+#   taxels are at their positions on an open hand. The difference between the two networks is the
+#   value of the pose.
+# * **FNN + joints**: two fully connected layers on all readings and the joint angles. It has all of
+#   the information, but no geometry.
 # * **Forest + joints**: a random forest on the same numbers.
 #
 # All networks get the same short training.
@@ -152,8 +153,8 @@ def fit_predict(model, inputs, y, train, test, epochs=12):
 
 
 # %% [markdown]
-# Whole trials are held out: three of five folds, each with 512 frames to train and 128 to test on.
-# The models know all objects from other grasps.
+# Whole trials are held out. We use three of five folds, each with 512 training frames and 128 test
+# frames. The models have seen all objects in other grasps.
 
 # %%
 from collections import defaultdict
@@ -218,8 +219,8 @@ plot_comparison(panels, ["three folds"], "From one frame: how wide, and what sha
 # %% [markdown]
 # ## Is that more than chance?
 #
-# All models were tested on the same trials. So we compare trial by trial: the mean difference, and
-# its standard error over 192 trials.
+# All models were tested on the same trials, so we compare them trial by trial. The table shows the
+# mean difference and its standard error over 192 trials.
 
 # %%
 
@@ -239,14 +240,14 @@ for scores, unit in ((error, "mm"), (right, "points")):
         print(f"PosedTaxelNet less {other:26} {mean:+5.2f} ± {se:.2f} {unit}")
 
 # %% [markdown]
-# **Width: the pose pays.** The same network is about two millimetres better where it knows the
-# pose. It is also better than the FNN and the forest, which have the joint angles as numbers but
-# not the geometry.
+# **Width: the pose helps.** The same network is about two millimetres better with the pose. It is
+# also better than the FNN and the forest, which have the joint angles as numbers but not the
+# geometry.
 #
-# **Shape: nothing to be seen here.** The difference between the posed and the open hand is within
-# the noise, and a fully connected network and a forest are level with both. In the full study (600
-# trials, longer training) the pose adds 0.1 ± 0.9 points, and `PosedTaxelNet` is 2.5 ± 1.1 points
-# above this FNN, within the noise (0.9 ± 0.9 if the FNN is trained with taxel dropout).
+# **Shape: no clear difference.** The difference between the posed and the open hand is within the
+# noise, and a fully connected network and a forest are equally good. In the full study (600 trials,
+# longer training), the pose adds 0.1 ± 0.9 points. `PosedTaxelNet` is 2.5 ± 1.1 points above this
+# FNN there, within the noise (0.9 ± 0.9 if the FNN is trained with taxel dropout).
 
 # %%
 for other in (OPEN, FNN, FOREST):
@@ -267,24 +268,25 @@ assert abs(mean) < 3 * se + 2
 # | width, posed and open hand | see above | 4.86 and 6.71 mm |
 # | shape, posed and open hand | see above | 90.2 and 90.1 % |
 #
-# The 12 epochs were fitted to the time limit of this page with the test scores in view: with 30, the
-# widths were the same, and the open hand was 4 points above the posed one for the shape.
+# The number of 12 epochs was chosen to fit the time limit of this page, with the test scores in
+# view. With 30 epochs, the widths were the same, and for the shape, the open hand was 4 points
+# above the posed one.
 #
 # ## What to take from this
 #
-# * For an answer in millimetres, give the model the pose: `TaxelPose(tangent=True)` and
+# * If the answer is in millimetres, give the model the pose: `TaxelPose(tangent=True)` and
 #   `PosedTaxelNet`.
-# * For classes such as the shape, begin with readings alone, and check whether the pose adds
+# * For classes such as the shape, start with readings alone, and check whether the pose adds
 #   anything.
-# * Joint angles beside the readings are not the same as geometry: a plain network does not learn
-#   the kinematics from a few hundred frames.
-# * Edges within a link know next to nothing about the pose. If your edge features seem useless,
-#   look at how much they vary.
-# * The same objects were in training. Nothing here says how a model does on new objects.
+# * Joint angles beside the readings do not replace geometry: a plain network does not learn the
+#   kinematics from a few hundred frames.
+# * Edges within a link contain almost no information about the pose. If your edge features seem
+#   useless, check how much they vary.
+# * The same objects were in training, so these results do not apply to new objects.
 #
 # ## Next
 #
-# * [Simulated touch, and where it leaks](06_simulated_touch.py): why trials are held out, not
+# * [Simulated touch, and where it leaks](06_simulated_touch.py): why to hold out trials and not
 #   frames.
 # * [A paper's table, small](07_paper_table.py): edge features from the pose in published models.
 # * [The hand](../docs/hand.md): layouts, kinematics, other hands.

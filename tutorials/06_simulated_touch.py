@@ -1,20 +1,20 @@
 # %% [markdown]
 # # Simulated touch, and where it leaks: does the model feel the object, or recognise the trial?
 #
-# A simulator gives what no robot has: the true force on every taxel, and as many grasps as you
-# like. It also gives a model many ways to be right for the wrong reason. This tutorial simulates
-# 24 grasps of eight objects with a hand of 384 taxels in MuJoCo, puts the true forces beside what
-# the skin reports, and then lets a random forest name the object **before the hand has touched
-# it**. Any score above chance there is a leak.
+# A simulator gives data that no robot has: the true force on every taxel, and as many grasps as you
+# like. It also gives a model many ways to be right for the wrong reason. This tutorial simulates 24
+# grasps of eight objects with a hand of 384 taxels in MuJoCo and compares the true forces with the
+# readings of the skin. A random forest then names the object **before the hand has touched it**.
+# Any score above chance there is a leak.
 #
 # **Simulated**: nothing on this page is a result on a real hand. It takes about half a minute.
 
 # %% [markdown]
 # ## Simulate some grasps
 #
-# `simulate` writes one recording (HDF5) for each trial and yields a report when the trial is done.
-# A trial of three seconds with the coarse preset `"ci"` takes about 0.6 s of one core. An attempt
-# that does not lift the object is repeated with other errors of alignment and posture.
+# `simulate` writes one recording (HDF5) per trial and yields a report after each trial. A trial of
+# three seconds with the coarse preset `"ci"` takes about 0.6 s of one core. An attempt that does
+# not lift the object is repeated with other errors of alignment and posture.
 
 # %%
 import tempfile
@@ -27,8 +27,8 @@ attempts = sum(report.attempts for report in reports)
 print(f"{len(reports)} grasps in {attempts} attempts")
 
 # %% [markdown]
-# A recording holds what a robot would record (readings in counts, joint angles in radians) and, in
-# `privileged`, what only the simulator knows.
+# A recording contains the signals that a robot would record (readings in counts, joint angles in
+# radians). Under `privileged`, it also contains values that only the simulator has.
 
 # %%
 from torch_geometric_tactile.io import read_recording
@@ -40,12 +40,12 @@ for name, values in recording.privileged.items():
     print(f"{name:12} {values.shape}")
 
 # %% [markdown]
-# ## True forces beside what the skin reports
+# ## True forces and readings
 #
-# The skin model spreads force within a patch, answers late, saturates, mixes axes, and adds gains,
-# offsets, drift and noise. The picture shows one frame while the object is held: on the left the
-# pressure in newtons, on the right the readings less their mean while the hand hovers. Both are
-# drawn on an open hand, where no finger hides another.
+# The skin model spreads force within a patch, responds with a delay, saturates, mixes axes, and
+# adds gains, offsets, drift and noise. The figure shows one frame while the object is held: the
+# pressure in newtons on the left, and the readings relative to their mean while the hand hovers on
+# the right. Both are drawn on an open hand, where no finger hides another.
 
 # %% tags=["figure"]
 import matplotlib.pyplot as plt
@@ -70,8 +70,8 @@ for axes, (name, (value, unit)) in zip(panels, pictures.items(), strict=True):
     plot_hand(allegro_uskin(), value=value, ax=axes, label=unit, title=name)
 
 # %% [markdown]
-# The pictures are alike, but not the same: force spreads to neighbours, and every taxel has a gain
-# of its own. And a part of the force is not felt at all, because it passes between the taxels, on
+# The pictures are similar but not equal: force spreads to neighbours, and each taxel has a
+# different gain. A part of the force is not felt at all, because it passes between the taxels to
 # the bones behind the skin.
 
 # %% tags=["figure"]
@@ -109,9 +109,9 @@ assert max(unfelt) > 0.1
 # %% [markdown]
 # ## Before and after contact
 #
-# `AllegroUSkin` reads the folder. We take two cuts: frames *before contact*, in which the hand
-# hovers, and frames *after contact* (squeeze, lift, hold). `tare="hover"` subtracts the mean
-# reading of the hover frames, trial by trial, as one would do with a real skin.
+# `AllegroUSkin` reads the folder. We select two sets of frames: *before contact*, while the hand
+# hovers, and *after contact* (squeeze, lift, hold). `tare="hover"` subtracts the mean reading of
+# the hover frames of each trial, as you would do with a real skin.
 
 # %%
 from torch_geometric_tactile.datasets import AllegroUSkin
@@ -137,14 +137,13 @@ print(f"largest force on any taxel before contact: {largest} N")
 assert largest == 0
 
 # %% [markdown]
-# No taxel carries any force before contact, so touch cannot tell the object there: with eight
-# objects an honest score is near 12.5 %. Each cut is tested in three ways: on random **frames**,
-# on whole **trials** that were left out, and on **placements** that were left out (nine regions of
-# where the palm is above the object and how it is turned). The model is always the same random
-# forest.
+# No taxel carries any force before contact, so touch cannot identify the object then: with eight
+# objects, a score without leaks is near 12.5 %. Each set is tested in three ways: on random
+# **frames**, on held-out **trials**, and on held-out **placements** (nine regions of the position
+# and turn of the palm above the object). The model is always the same random forest.
 #
 # One input is privileged: the height of the palm above the object, which comes from the plan. The
-# operator of the simulator knows the size of the object and hovers 10 cm above its top.
+# planner knows the size of the object and hovers 10 cm above its top.
 
 # %%
 import numpy as np
@@ -191,18 +190,18 @@ plot_comparison([panel], list(PROTOCOLS), "Which of eight objects?")
 # %% [markdown]
 # ## Three leaks
 #
-# 1. **The trial.** By random frames, the forest names the object from raw touch and from joint
-#    angles before anything is touched. It recognises the trial: each trial has sensor offsets and
-#    a posture of its own, and neighbouring frames are nearly equal. On unseen trials nothing is
-#    left of it.
-# 2. **The same leak after contact.** By random frames touch seems nearly perfect, and far above
-#    its score on unseen trials and placements. After contact the leak cannot be seen, because
-#    there is something to learn as well; only the check before contact shows it.
-# 3. **The plan.** The height of the palm names the object before contact *on unseen trials too*.
-#    No split removes that: the plan knew the object. Such an input has to be left out.
+# 1. **The trial.** On random frames, the forest names the object from raw touch and from joint
+#    angles before anything is touched. It recognises the trial: sensor offsets and posture differ
+#    between trials, and neighbouring frames are nearly equal. On unseen trials, the effect
+#    disappears.
+# 2. **The same leak after contact.** On random frames, touch seems nearly perfect, far above its
+#    score on unseen trials and placements. This leak is hidden, because after contact there is also
+#    something to learn. Only the check before contact reveals it.
+# 3. **The plan.** The height of the palm identifies the object before contact *on unseen trials
+#    too*. No split removes this leak, since the plan knew the object. Leave such an input out.
 #
-# Taring removes the sensor offsets, and with them the first leak from touch, but not from the
-# joint angles.
+# Taring removes the sensor offsets. This removes the first leak from touch, but not from the joint
+# angles.
 
 # %%
 frame_of, trial_of, placement_of = ({k: v[n][0] for k, v in results.items()} for n in PROTOCOLS)
@@ -217,10 +216,10 @@ assert frame_of["after contact: touch, tared"] > placement_of["after contact: to
 assert trial_of["before contact: height of the palm"] > 40
 
 # %% [markdown]
-# ## The honest cut
+# ## The score without leaks
 #
-# What is left: frames after contact, tared touch, and a split that leaves out what a robot will
-# not have seen: the trial, or better the placement.
+# We keep frames after contact, tared touch, and a split that holds out what a robot will not have
+# seen: the trial or, better, the placement.
 
 # %%
 mean, sd = results["after contact: touch, tared"]["unseen placements"]
@@ -228,25 +227,25 @@ print(f"touch, after contact, unseen placements: {mean:.0f} ± {sd:.0f} % (chanc
 assert mean > 12.5 + 15
 
 # %% [markdown]
-# Two trials of each object to train on are few, and ± is the standard deviation over three folds:
-# this page shows leaks, and is no measure of how well touch tells these objects. With 80 trials of
-# 17 s a forest on touch names 93.2 % of the objects on unseen trials ([plain models on the
-# simulated hand](../docs/results/simulated_hand.md)).
+# There are only two training trials per object, and ± is the standard deviation over three folds.
+# This page demonstrates leaks; it does not measure how well touch identifies these objects. With 80
+# trials of 17 s, a forest on touch identifies 93.2 % of the objects on unseen trials ([plain models
+# on the simulated hand](../docs/results/simulated_hand.md)).
 #
 # ## What to take from this
 #
 # * Test your data with frames before contact. A score above chance there is a leak, whatever the
 #   model.
-# * Split by trial, or by placement, never by random frames. `AllegroUSkin` splits by trial by
+# * Split by trial or by placement, never by random frames. `AllegroUSkin` splits by trial by
 #   default.
 # * Tare the readings: `tare="hover"` here, a second at rest on a real robot.
-# * Ask of every input who knew the object when it was written. A planner did.
-# * `privileged` values are for looking and for targets, not for inputs.
+# * For each input, ask whether its source knew the object. Here, the planner did.
+# * Use `privileged` values for inspection and as targets, not as inputs.
 #
 # ## Next
 #
 # * [The hand moves: what does a graph gain from pose?](05_hand_pose.py)
 # * [A paper's table, small](07_paper_table.py)
 # * [The simulated hand](../docs/simulation.md): what is simulated, and what is not.
-# * [iCub Grasp](../docs/hand.md#icub-grasp): a real data set in which the first frame names the
-#   object.
+# * [iCub Grasp](../docs/data_sets.md#grasps-of-ten-objects-icubgrasp): a real data set in which
+#   the first frame identifies the object.

@@ -1,24 +1,24 @@
 # %% [markdown]
 # # A paper's table, small: which published claims hold on simulated grasps?
 #
-# Two papers compare graph networks on a hand of 384 taxels. One (P1) gives each input a thread of
-# its own, the MT-GCN, with edge features from the pose. The other (P2) cuts the graph into
-# segments: the four digits and the palm (I) or 22 patches (II). Their recordings are private. This
-# tutorial trains five of their models on 480 frames of 240 simulated grasps and puts the published
-# numbers beside ours. Then it computes which claims hold.
+# Two papers compare graph networks on a hand of 384 taxels. P1 processes each input in a separate
+# thread (the MT-GCN) and uses edge features from the pose. P2 cuts the graph into segments: the
+# four digits and the palm (I), or 22 patches (II). The recordings of both papers are private. This
+# tutorial trains five of their models on 480 frames of 240 simulated grasps, shows the published
+# numbers beside ours, and computes which claims hold.
 #
-# **Simulated, and small**: no number here checks a published one, and the networks are trained for
-# a few steps only. [The full tables](../docs/results/hand_tables.md) have 54 models. It takes
-# about half a minute.
+# **Simulated, and small**: no number here reproduces a published one, and the networks are trained
+# for only a few steps. [The full tables](../docs/results/hand_tables.md) have 54 models. The
+# tutorial takes about half a minute.
 
 # %% [markdown]
 # ## The frames
 #
-# Two frames each of 240 simulated grasps of the eight objects of P1: tube, sponge, mayonnaise,
-# kitchen paper, can, mango, wrap and purse. Readings are in counts, less their mean while the hand
-# hovered, and rounded to 40 counts (`data/simulate_hand.py` wrote the file). `TaxelPose` and
-# `GeometricEdgeAttr` compute P1's edge features from the joint angles: length and vector of each
-# of 1,401 edges.
+# The file holds two frames from each of 240 simulated grasps of the eight objects of P1: tube,
+# sponge, mayonnaise, kitchen paper, can, mango, wrap and purse. Readings are in counts, relative to
+# their mean while the hand hovered, and rounded to 40 counts (`data/simulate_hand.py` wrote the
+# file). `TaxelPose` and `GeometricEdgeAttr` compute P1's edge features from the joint angles:
+# length and vector of each of 1,401 edges.
 
 # %%
 import numpy as np
@@ -44,8 +44,8 @@ print("objects:", *file["group_names"])
 # %% [markdown]
 # ## Segments
 #
-# `TopologicalSegmentation` removes the edges between segments. In I and II each segment has a
-# graph network with weights of its own; in X, one network runs on the whole hand.
+# `TopologicalSegmentation` removes the edges between segments. In I and II, each segment has a
+# graph network with separate weights. In X, one network processes the whole hand.
 
 # %% tags=["figure"]
 import matplotlib.pyplot as plt
@@ -62,9 +62,9 @@ for axes, name, by in zip(panels, ("I", "II"), ("digit", "patch"), strict=True):
 # %% [markdown]
 # ## Published numbers
 #
-# The package holds the papers' tables. P1 tells six properties of the objects, P2 the objects. We
-# train everything on the objects, which saves a training: the eight objects have eight different
-# sets of properties. So P1's numbers are of another task than ours.
+# The package contains the papers' tables. P1 predicts six properties of the objects, and P2 the
+# objects. We train all models on the objects, which saves a training: the eight objects have eight
+# different sets of properties. P1's numbers are therefore for another task than ours.
 
 # %%
 from torch_geometric_tactile.papers import load_table
@@ -87,13 +87,13 @@ for row, experiments in ROWS.items():
 # %% [markdown]
 # ## Train them
 #
-# All without joint angles as an input. The graph networks have the sizes of the papers. The FNN is
-# small (512 and 128 wide); the paper's has 107 million weights. Three seeds: each draws a split by
-# trial (40 % to test) and the weights. The steps are few and the same for all. **Their number was
-# fitted to the time limit of this page with these test scores in view**, so read the table as a
-# demonstration, not as evidence: with two epochs in place of three, one MT-GCN failed to learn, and
-# its lead was gone (-0.9 points). The full tables were run with settings that no test part
-# had a say in.
+# No model has joint angles as an input. The graph networks have the sizes of the papers. The FNN is
+# small (512 and 128 wide); the paper's FNN has 107 million weights. We use three seeds, each of
+# which draws a split by trial (40 % for the test) and the weights. All models train for the same,
+# small number of steps. **This number was chosen to fit the time limit of this page, with these
+# test scores in view**, so read the table as a demonstration, not as evidence. With two epochs
+# instead of three, one MT-GCN failed to learn, and its lead was gone (-0.9 points). The settings of
+# the full tables did not depend on any test part.
 
 # %%
 from torch.nn.functional import cross_entropy
@@ -164,10 +164,10 @@ plot_comparison([panel], [OURS, P1, P2], "Published, and ours on simulated grasp
 # %% [markdown]
 # ## Which claims hold?
 #
-# A claim of the papers is that one row is better than another. We compare the rows seed by seed,
-# on the same split, with the package's one rule for noise: Student's t, with a correction for
-# splits whose training parts overlap. It decides between *holds*, *reversed* and *not seen*. Three
-# splits make this a weak test: a difference must be seven times its plain standard error.
+# Each claim says that one row is better than another. We compare the rows seed by seed on the same
+# split with the package's rule for noise: Student's t, corrected for splits whose training parts
+# overlap. The result is *holds*, *reversed* or *not seen*. With only three splits, the test is
+# weak: a difference must be seven times its plain standard error.
 
 # %%
 from torch_geometric_tactile.experiments import paired_difference
@@ -189,17 +189,18 @@ for claim, better, worse in CLAIMS:
     print(f"{claim:48} {gain:+5.1f} points, noise ± {margin:.1f}   {verdicts[claim]}")
 
 # %% [markdown]
-# **The FNN is not the worst: it is the best here**, with a fraction of the weights of P1's. P1's
-# claim is reversed, by far more than the noise, after so few steps. In the full tables, after 30
-# epochs on twice the frames, the FNN is still first of all 36 rows of P1, but within the noise.
+# **The FNN is not the worst but the best model here**, with a fraction of the weights of P1's FNN.
+# After so few steps, P1's claim is reversed, by far more than the noise. In the full tables, after
+# 30 epochs on twice the frames, the FNN is still the first of all 36 rows of P1, but within the
+# noise.
 #
-# **Edge features and threads hold here**, by 16 points over X and just beyond the noise. It may be a
-# lead in speed: the GCN = X has five layers and has not finished learning after so few steps. After
-# 30 epochs it is 3 points, within the noise of three splits.
+# **Edge features and threads hold here**, by 16 points over X and just beyond the noise. The reason
+# may be faster learning: the GCN = X has five layers and has not finished learning after so few
+# steps. After 30 epochs, the lead is 3 points, within the noise of three splits.
 #
-# **Segments are *not seen*, with leads of 12 points over X**, which three splits that overlap cannot
-# tell from luck. In the full tables their lead was 2.5 to 3 points after 10 epochs, and is gone
-# after 60.
+# **Segments are *not seen***: they lead by 12 points over X, but three overlapping splits cannot
+# distinguish this from luck. In the full tables, their lead was 2.5 to 3 points after 10 epochs,
+# and is gone after 60.
 
 # %%
 means = {name: float(np.mean(values)) for name, values in accuracy.items()}
@@ -226,10 +227,10 @@ assert verdicts["P1: GCN above FNN"] != "holds"
 # | edge features and threads (T + E) above touch alone | within the noise: +2.7 ± 2.3 (three splits) |
 # | GCN above FNN | within the noise: -4.9 ± 2.2 |
 #
-# Three splits and 27 steps of training are little. A claim that is *not seen* here may hold there,
-# and the other way round.
+# Three splits and 27 training steps are little. A claim that is *not seen* here may hold there, and
+# vice versa.
 #
-# The full tables are run by one command each, on recordings of your own or simulated ones:
+# To run the full tables, use one command for each, on your own recordings or simulated ones:
 #
 # ```sh
 # tactile simulate --out paper8 --spread wide --seconds 5 --preset ci --trials 50 --seed 1
@@ -238,17 +239,18 @@ assert verdicts["P1: GCN above FNN"] != "holds"
 #
 # ## What to take from this
 #
-# * Put a plain network beside every graph network. On this hand it is hard to beat.
-# * Compare on the same splits, seed by seed, and give the error of the difference.
-# * Published numbers from private recordings cannot be checked; orderings can be tested on other
-#   data.
+# * Put a plain network beside every graph network. On this hand, it is hard to beat.
+# * Compare models on the same splits, seed by seed, and report the error of the difference.
+# * Published numbers from private recordings cannot be checked, but their order can be tested on
+#   other data.
 # * A short training compares how fast models learn. Train until the order no longer changes before
 #   you call a claim confirmed.
-# * Say which claims were not seen, and do not drop them.
+# * Report the claims that were not seen. Do not drop them.
 #
 # ## Next
 #
-# * [The hand moves](05_hand_pose.py): where the pose of the hand does pay.
+# * [The hand moves](05_hand_pose.py): a task in which the pose of the hand helps.
 # * [Simulated touch, and where it leaks](06_simulated_touch.py)
 # * [Models](../docs/models.md): what was built from which paper.
-# * [The tables of two papers](../docs/results/hand_tables.md), with what holds and what does not.
+# * [The tables of two papers](../docs/results/hand_tables.md), with the claims that hold and those
+#   that do not.

@@ -1,19 +1,19 @@
 # %% [markdown]
 # # Grasps in time: can slip be seen before it happens?
 #
-# Three fingertips close around an object, lift it and shake it. Some grasps lose their object. A
-# robot would like an alarm *before* the object begins to slide. This tutorial cuts recordings
-# into windows, labels each window with what happens half a second later, trains a temporal
-# network that also runs frame by frame, and counts its alarms, the right ones and the false ones,
-# beside two thresholds that need no network.
+# Three fingertips close around an object, lift it and shake it. Some grasps lose the object. A
+# robot needs an alarm *before* the object begins to slide. This tutorial cuts recordings into
+# windows, labels each window with what happens half a second later, and trains a temporal network
+# that also runs frame by frame. It then counts correct and false alarms, and compares them with two
+# thresholds that need no network.
 #
-# **Simulated**: 48 generated grasps in the form of the BiGS data set, of which we found no copy.
+# **Simulated**: 48 generated grasps in the format of the BiGS data set, of which we found no copy.
 # Nothing on this page is a result on a real hand. It takes about half a minute.
 
 # %% [markdown]
 # ## Simulate some grasps
 #
-# Each grasp has its own object, mass, friction, grip and timing. Nothing reacts to slip. A grasp
+# Object, mass, friction, grip and timing differ between grasps. Nothing reacts to slip. A grasp
 # takes about 0.3 s of one core and is written as one recording.
 
 # %%
@@ -26,10 +26,10 @@ reports = list(simulate_bigs(folder.name, grasps=48, seed=0))
 print(f"{sum(report.success for report in reports)} of {len(reports)} grasps held")
 
 # %% [markdown]
-# On the left a grasp that holds, on the right one that fails: the change of every electrode of
-# each fingertip, the forces, and the vibration. The red line is the onset of slip, the dotted one
-# the loss of the object. The shake is violent in both, and an object that stays may slide a
-# little.
+# The figure shows a grasp that holds on the left and a grasp that fails on the right: the change of
+# every electrode of each fingertip, the forces, and the vibration. The red line marks the onset of
+# slip, and the dotted line the loss of the object. Both grasps shake strongly, and even an object
+# that is held may slide a little.
 
 # %% tags=["figure"]
 from torch_geometric_tactile.io import read_recording
@@ -43,10 +43,10 @@ plot_bigs_grasps([recordings[holds[0]], recordings[slips[0]]])
 # %% [markdown]
 # ## From recordings to windows
 #
-# `BiGS` reads the folder. Here we want all frames, the shake included (`until=None`). `Tare`
-# subtracts from each grasp its first 20 frames, when nothing touches the skin. We keep beside
-# each frame how many seconds remain to the onset of slip (infinite if the grasp holds) and how
-# many have passed since the lift began: only to judge the alarms, never as an input.
+# `BiGS` reads the folder. We take all frames, including the shake (`until=None`). `Tare` subtracts
+# the mean of the first 20 frames of each grasp, when nothing touches the skin. For each frame, we
+# also store the seconds until the onset of slip (infinite if the grasp holds) and since the start
+# of the lift. They are used to evaluate the alarms, never as an input.
 
 # %%
 from pathlib import Path
@@ -80,9 +80,9 @@ frames = StaticDataset.from_arrays(
 print(frames, frames[0].x.shape)
 
 # %% [markdown]
-# A window is 64 frames of 10 ms. Its label is `slip` half a second **after** its last frame
-# (`label="ahead"`, `horizon=50`). We judge windows between the lift and the onset: once the
-# object slides, an alarm is late.
+# A window has 64 frames of 10 ms. Its label is `slip` if the object slips half a second **after**
+# the last frame (`label="ahead"`, `horizon=50`). We evaluate windows between the lift and the
+# onset, because an alarm comes too late once the object slides.
 
 # %%
 from torch_geometric_tactile.data import Windows
@@ -93,8 +93,8 @@ print(len(windows), "windows of", tuple(windows[0].x.shape), "(electrodes, finge
 print(f"{windows.y.double().mean():.1%} of them slip within half a second")
 
 # %% [markdown]
-# Windows of one grasp overlap, so the split is **by grasp** (`"trial"`). Three folds test on
-# every grasp once, by a network that was trained on the others.
+# Windows of one grasp overlap, so we split **by grasp** (`"trial"`). With three folds, every grasp
+# is tested once, by a network that was trained on the others.
 
 # %%
 from torch_geometric_tactile.data import Protocol
@@ -109,9 +109,9 @@ for split in splits:
 # %% [markdown]
 # ## Train one network for windows and streams
 #
-# `TemporalTaxelNet` looks 64 frames back and never ahead. It knows which electrodes are
-# neighbours from the layout and scales raw counts by itself. Slips are rare, so the loss weighs
-# both classes equally.
+# `TemporalTaxelNet` looks 64 frames back and never ahead. It takes the neighbours of each electrode
+# from the layout and scales raw counts itself. Slips are rare, so the loss weighs both classes
+# equally.
 
 # %%
 from torch.nn.functional import cross_entropy
@@ -142,10 +142,10 @@ print(models[0])
 # %% [markdown]
 # ## Frame by frame, as on the robot
 #
-# `initial_state` and `step` feed the same network one frame at a time. The state holds the past
-# features that the network needs, so no window is computed again. After `receptive_field` frames
-# the answer must equal that of the window that ends at the same frame. The network was trained on
-# windows after the lift only, so its answers before the dashed line mean nothing.
+# `initial_state` and `step` run the same network one frame at a time. The state holds the past
+# features that the network needs, so no window is computed twice. After `receptive_field` frames,
+# the answer must equal the answer for the window that ends at the same frame. The network was
+# trained on windows after the lift only, so its answers before the dashed line are meaningless.
 
 # %% tags=["figure"]
 import matplotlib.pyplot as plt
@@ -179,18 +179,18 @@ plt.close(fig)  # or the notebook shows it twice
 fig
 
 # %% [markdown]
-# ## Alarms: how many, how early, and how many of them false
+# ## Alarms: how many, how early, and how many are false
 #
-# Three scores say how soon a slip is expected:
+# Three scores predict how soon a slip will come:
 #
-# * **the network**, as it was trained on the other grasps;
-# * **weak grip**: the negative of the fluid pressure, averaged over the fingertips. It is a
-#   number that any robot has, and it is not trained;
+# * **the network**, trained on the other grasps;
+# * **weak grip**: the negative fluid pressure, averaged over the fingertips. Any robot has this
+#   number, and it needs no training;
 # * **vibration**: the loudest fingertip in the last 10 ms, the classical slip detector.
 #
-# One threshold for each score: 5 % of the moments of holding grasps exceed it. It is chosen on
-# the scores below, so that all three have equally many false alarms; on a robot, choose it on
-# other grasps.
+# Each score gets the threshold that 5 % of the moments of holding grasps exceed. It is chosen on
+# the scores below, so that all three have equally many false alarms. On a robot, choose it on other
+# grasps.
 
 # %%
 import numpy as np
@@ -222,10 +222,9 @@ for name, alarm in alarms.items():
     print(f"{name:22}{alarm[is_held].mean():.1%} of the moments of holding grasps have an alarm")
 
 # %% [markdown]
-# The shake begins at about the same time in every grasp, so that a clock alone would announce
-# some slips. False alarms are therefore counted in the holding grasps **at the same moments** at
-# which the others are about to slip: a clock would be as high on the right of the picture as on
-# the left.
+# The shake begins at about the same time in every grasp, so even a clock would announce some slips.
+# We therefore count false alarms in the holding grasps **at the same moments** at which the other
+# grasps are about to slip. A clock would give the same curve on both sides of the figure.
 
 # %% tags=["figure", "thumbnail"]
 seconds = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.75, 1.0)
@@ -259,9 +258,9 @@ plt.close(fig)
 fig
 
 # %% [markdown]
-# Three numbers for each score: the share of the slips that it announces in the last half second,
-# the share of the holding grasps with an alarm at any moment, and the area under the ROC of
-# single moments in the last half second before a slip against those of holding grasps.
+# The table has three numbers for each score: the share of slips that are announced in the last half
+# second, the share of holding grasps with an alarm at any moment, and the area under the ROC of
+# single moments (in the last half second before a slip, against those of holding grasps).
 
 # %%
 from sklearn.metrics import roc_auc_score
@@ -277,18 +276,19 @@ for name, alarm in alarms.items():
     print(f"{name:22}{announced[name]:8.0%}{held_alarmed[name]:22.0%}{auc[name]:24.2f}")
 
 # %% [markdown]
-# Read the three lines one by one:
+# Each line shows something different:
 #
-# * **Vibration announces little, and late.** It is loud when something slides, but also in every
-#   shake: most holding grasps have such an alarm at some moment.
-# * **Weak grip announces about half of the slips long before the onset**, without any training.
-#   The lines are flat until shortly before the onset, so these alarms know a weak grasp, not a
-#   slide that has begun.
-# * **The network, trained on 31 or 32 grasps, is not better than the pressure.** It has to find in 57
-#   electrodes what one number tells. On the same simulator with 2,000 grasps, about 1,200 of them
-#   for training, the network ranks moments better: the [results
-#   page](../docs/results/early_slip.md) has an area under the ROC of 0.92 for it and 0.84 for the
-#   pressure. At one rate of false alarms, both announce as many slips there.
+# * **Vibration announces few slips, and late.** It is strong when something slides, but also in
+#   every shake: most holding grasps have such an alarm at some moment.
+# * **Weak grip announces about half of the slips long before the onset**, without any training. The
+#   curves are flat until shortly before the onset, so these alarms detect a weak grasp, not the
+#   start of a slide.
+# * **The network, trained on 31 or 32 grasps, is not better than the pressure.** It must extract
+#   from 57 electrodes what the pressure shows in one number. On the same simulator with 2,000
+#   grasps, about 1,200 of them for training, the network ranks moments better: the area under the
+#   ROC is 0.92 for the network and 0.84 for the pressure
+#   ([results](../docs/results/early_slip.md)). At the same rate of false alarms, both announce as
+#   many slips there.
 
 # %%
 early = {name: alarm[before_slip[seconds.index(0.5)]].mean() for name, alarm in alarms.items()}
@@ -302,21 +302,22 @@ assert held_alarmed["vibration"] > 0.6
 # %% [markdown]
 # ## What to take from this
 #
-# * `Windows(label="ahead", horizon=...)` makes a forecast of any recording with labels in time.
-#   Split by trial: windows of one grasp are nearly copies of each other.
-# * `step` with a state gives on each frame the numbers of the window, so the model that you
+# * `Windows(label="ahead", horizon=...)` turns any recording with labels in time into a forecast.
+#   Split by trial, since windows of one grasp are nearly copies of each other.
+# * For each frame, `step` with a state gives the same numbers as the window, so the model that you
 #   tested is the model that runs on the robot.
-# * Count false alarms at the same moments as the right ones, and put a threshold on one signal
-#   beside every network. Here it wins with 31 grasps to train on; with 1,200 it announces as
-#   many slips, and the network only ranks moments better.
-# * An early alarm is mostly a statement about the grip. None of this was measured on a real hand,
-#   and 15 to 24 slipping grasps stand behind each point of the picture.
+# * Count false alarms at the same moments as correct alarms, and compare every network with a
+#   threshold on one signal. Here, the threshold wins with 31 training grasps. With 1,200, it
+#   announces as many slips, and the network only ranks moments better.
+# * An early alarm mostly reflects the grip. None of this was measured on a real hand, and each
+#   point of the figure stands for only 15 to 24 slipping grasps.
 #
 # ## Next
 #
 # * [Windows, trials and time](../docs/time.md), and [simulated
-#   grasps](../docs/simulation.md#grasps-with-three-fingertips): what the simulator does and what it leaves out.
+#   grasps](../docs/simulation.md#grasps-with-three-fingertips): what the simulator models and what
+#   it leaves out.
 # * [Early slip, the full study](../docs/results/early_slip.md): 2,000 grasps, an LSTM, held-out
 #   objects.
-# * [Grasps of your own in this form](../docs/bigs.md), and [tutorial 3](03_live_robot.py): the
+# * [Grasps of your own in this format](../docs/bigs.md), and [tutorial 3](03_live_robot.py): the
 #   model on a live stream.

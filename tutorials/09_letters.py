@@ -1,20 +1,20 @@
 # %% [markdown]
 # # Letters under a press: when does a graph beat a CNN?
 #
-# A pressure array is almost an image, so a convolutional network (CNN) is the natural choice.
-# This tutorial presses letters on a square array, on a hexagonal one and on one with 40 % of its
-# taxels, and trains a CNN and a graph network on each. Then taxels break: which network survives,
-# and is it because of the graph or because of the training?
+# A pressure array is almost an image, so a convolutional network (CNN) is the natural choice. This
+# tutorial presses letters on a square array, on a hexagonal array, and on an array with 40 % of its
+# taxels, and trains a CNN and a graph network on each. Then taxels break. Which network still
+# works, and is the graph or the training the reason?
 #
-# **Simulated** presses, small arrays and one training each: read the differences with the noise
-# in mind. It takes about half a minute.
+# **Simulated** presses, small arrays and one training each: mind the noise when you compare. The
+# tutorial takes about half a minute.
 
 # %% [markdown]
 # ## Press letters on three arrays
 #
-# `LetterPress` simulates a stamp on an elastic layer: size, turn, place, pressure and tilt are
-# drawn for every press. The same seed gives the same letters on every array of the same size. Our
-# arrays have 256 taxels, 2.5 mm apart, about as many as a robot's palm.
+# `LetterPress` simulates a stamp on an elastic layer. Size, rotation, position, pressure and tilt
+# are drawn for each press. The same seed gives the same letters on every array of the same size.
+# Our arrays have 256 taxels, 2.5 mm apart, about as many as a robot's palm.
 
 # %%
 import numpy as np
@@ -63,9 +63,9 @@ plot_presses(
 # ## One CNN and one graph network for each array
 #
 # `SmallCNN` sees the image map of a layout: cells without a taxel are zero, and the rows of the
-# honeycomb are sheared by half a cell. `TaxelNet` takes places and neighbours from the layout.
-# With `head="max"` none of its weights belongs to a certain taxel, which will matter below. Both
-# are trained in the same way; `dropped` is the part of the taxels that reads zero in each
+# hexagonal array are sheared by half a cell. `TaxelNet` takes positions and neighbours from the
+# layout. With `head="max"`, none of its weights belongs to a particular taxel, which will matter
+# below. Both are trained in the same way. `dropped` is the share of taxels that read zero in each
 # training press.
 
 # %%
@@ -113,8 +113,8 @@ for name, layout in layouts.items():
     print(f"{name:16} CNN {scores['CNN', name]:.1%}   graph {scores['graph', name]:.1%}")
 
 # %% [markdown]
-# With 300 held-out presses, an accuracy of 80 % is known to about 2.3 points (one standard
-# error), one of 99 % to 0.6.
+# With 300 held-out presses, the standard error of an accuracy of 80 % is about 2.3 points, and of
+# 99 % 0.6 points.
 
 # %%
 for name in ("square", "hexagonal"):
@@ -125,15 +125,15 @@ assert scores["graph", "thinned to 40 %"] < scores["graph", "square"] - 0.05
 # %% [markdown]
 # ## Taxels die
 #
-# Now some taxels of the square array stop: they read zero. Neither network was trained for it. If
-# we know which taxels are dead, there are three things to do:
+# Now some taxels of the square array fail and read zero. Neither network was trained for this. If
+# we know which taxels are dead, there are three options:
 #
-# * nothing: both networks read the zeros;
-# * **leave the taxels out of the graph**: `select_taxels` makes the layout of what is left, and a
-#   network with the same weights is built on it, without training;
-# * **fill them in** for the CNN, with the mean of the three nearest taxels that live.
+# * do nothing: both networks read the zeros;
+# * **leave the taxels out of the graph**: `select_taxels` returns the layout of the remaining
+#   taxels. A network with the same weights is built on it, without training;
+# * **fill them in** for the CNN, with the mean of the three nearest working taxels.
 #
-# And one thing to do before: train with taxels that drop out at random (here a fifth).
+# A fourth option must be taken before: train with taxels that drop out at random (here a fifth).
 
 # %%
 from torch_geometric_tactile.sensors import select_taxels
@@ -197,13 +197,13 @@ for name, score in rows.items():
     print(f"three of 16 rows dead: {name:42}{score:6.1%}")
 
 # %% [markdown]
-# A network that was never trained for damage collapses on zeros, graph or not: a dead taxel that
-# reads zero is a reading, and nothing tells the network that it is wrong. **Leaving the taxels
-# out of the graph** brings most of it back without a new training, for dead rows and up to a
+# Networks that were never trained for damage collapse on zeros, graph or not: a dead taxel that
+# reads zero is a reading, and nothing shows the network that it is wrong. **Leaving the taxels out
+# of the graph** restores most of the accuracy without a new training, for dead rows and up to a
 # fifth of dead taxels. A CNN cannot leave cells out, but **filling them in** helps it as much: a
 # little less for whole rows, a little more for 40 % of dead taxels. Training with dropped taxels
-# helps both networks and needs no list of the dead; here it costs the CNN some accuracy on the
-# whole array.
+# helps both networks and needs no list of dead taxels. Here it costs the CNN some accuracy on the
+# intact array.
 
 # %%
 at_20 = {name: points[parts.index(0.2)][1] for name, points in curves.items()}
@@ -217,21 +217,20 @@ assert at_20["graph without the dead taxels"] > at_20["graph, zeros"] + 20
 # %% [markdown]
 # ## What to take from this
 #
-# * On a full array, square or hexagonal, take the CNN: it is as accurate and faster.
-# * Here the thinned array shows no clear winner: 102 taxels are too few for both. On an array of
-#   32 x 32 pixels with 40 % of them left, `TaxelNet` is level with the CNNs as well: 3.1 ± 1.8
-#   points above a plain one and 0.7 ± 3.4 above the BMF-CNN of the paper, over five folds, which is
-#   within the noise ([letters on an array](../docs/results/letters.md)).
-# * Whoever expects taxels to die trains with dropped taxels (`DropTaxels`, or `taxel_dropout` of
-#   `TaxelNet`, which is 0.2 by default). That is a matter of training, not of graphs.
-# * What the graph adds: the same weights run on the taxels that are left, or on any other layout
-#   with the same pitch. Use `head="max"` or `"mean"` for that.
-# * One training each and simulated letters: differences of a few points are noise.
+# * On a full array, square or hexagonal, use the CNN: it is as accurate and faster.
+# * The thinned array shows no clear winner here: 102 taxels are too few for both. On an array of 32
+#   x 32 pixels with 40 % of them left, `TaxelNet` is level with the CNNs as well: 3.1 ± 1.8 points
+#   above a plain CNN and 0.7 ± 3.4 above the BMF-CNN of the paper, over five folds. Both are within
+#   the noise ([letters on an array](../docs/results/letters.md)).
+# * If you expect taxels to die, train with dropped taxels (`DropTaxels`, or `taxel_dropout` of
+#   `TaxelNet`, which is 0.2 by default). This is a matter of training, not of graphs.
+# * The graph adds one thing: the same weights run on the remaining taxels, or on any other layout
+#   with the same pitch. Use `head="max"` or `"mean"` for this.
+# * With one training each and simulated letters, differences of a few points are noise.
 #
 # ## Next
 #
-# * [Letters on an array](../docs/letters.md): the data set, the simulator, and what is not
-#   modelled.
+# * [Letters on an array](../docs/letters.md): the data set, the simulator, and its limits.
 # * [The full tables](../docs/results/letters.md), with five folds and the models of the paper.
 # * [Tutorial 2](02_your_own_glove.py): a layout of your own, and [tutorial
 #   10](10_what_it_learnt.py): what a model has learnt.

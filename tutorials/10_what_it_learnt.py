@@ -1,22 +1,22 @@
 # %% [markdown]
 # # What has it learnt? Pictures of a model, with an untrained network beside each
 #
-# Attribution on the hand, maps of embeddings, confusion: pictures like these are easy to believe.
-# But some of them look nearly the same for a network that was never trained. This tutorial loads
-# a shipped predictor that tells the shape of a held object, shows it objects that it has never
-# seen, and puts beside each picture the same network with **random weights**. What does not
-# change between the two says nothing about what was learnt.
+# Attribution maps on the hand, embeddings and confusion matrices are easy to believe. But some of
+# them look nearly the same for a network that was never trained. This tutorial loads a predictor
+# that tells the shape of a held object, tests it on new objects, and compares each picture with
+# that of the same network with **random weights**. A picture that does not change says nothing
+# about what was learnt.
 #
-# **Simulated**: hand and objects are simulated, in training and here. It takes about half a
-# minute.
+# **Simulated**: hand and objects are simulated, in training and here. The tutorial takes about half
+# a minute.
 
 # %% [markdown]
 # ## A trained model in one file
 #
-# `hand.predictor` (193 kB) holds a `PosedTaxelNet`, the layout of the hand and the transform
-# before it. [make_predictor.py](data/make_predictor.py) made it, in about two minutes of training
-# and evaluation and ten of simulation. `hand.json` states what it was trained on and how well it
-# did on held-out grasps.
+# `hand.predictor` (193 kB) contains a `PosedTaxelNet`, the layout of the hand and the transform
+# before the network. [make_predictor.py](data/make_predictor.py) created it, in about two minutes
+# of training and evaluation and ten of simulation. `hand.json` describes the training data and the
+# scores on held-out grasps.
 
 # %%
 import json
@@ -33,10 +33,10 @@ print("held-out trials of these objects:", card["held_out_trials_of_the_same_obj
 print("80 other objects:", card["80_other_objects_one_trial_each"])
 
 # %% [markdown]
-# ## Objects that it has never seen
+# ## New objects
 #
-# 24 drawn objects, six of each shape, with new sizes, masses and frictions. Seed 2 was used
-# neither for training nor for the numbers above. The predictor takes readings minus the mean
+# We draw 24 objects, six of each shape, with new sizes, masses and frictions. Seed 2 was used
+# neither for training nor for the numbers above. The predictor takes readings relative to the mean
 # reading while the hand hovers (`tare="hover"`), together with the joint angles.
 
 # %%
@@ -62,8 +62,8 @@ print(f"{len(y)} frames of {len(reports)} grasps: {', '.join(predictor.class_nam
 # ## The untrained networks
 #
 # An untrained network has the same architecture with random weights. It has seen these readings
-# once, to measure the scale of its inputs (the running means of its batch normalisation), but
-# never a label. We make five of them.
+# once to measure the scale of its inputs (the running means of its batch normalisation), but never
+# a label. We create five of them.
 
 # %%
 import copy
@@ -91,8 +91,8 @@ untrained_models = [untrained(seed) for seed in range(5)]
 # %% [markdown]
 # ## Confusion: the picture that changes
 #
-# The first comparison is the plainest. The trained network names most shapes of new objects; an
-# untrained network is near chance (25 %).
+# The first comparison is the simplest. The trained network names most shapes of new objects, while
+# an untrained network is near chance (25 %).
 
 # %% tags=["figure"]
 from torch_geometric_tactile.analysis import class_confusion
@@ -125,9 +125,9 @@ assert max(untrained_accuracy) < accuracy - 0.15
 # %% [markdown]
 # ## Attribution on the hand: where is the evidence?
 #
-# Integrated gradients give each taxel its part of a logit. Of four classes a logit means
-# something only against the others, so we subtract the mean over the classes: positive scores
-# (red) speak for this shape, negative ones (blue) for the others.
+# Integrated gradients assign each taxel a part of a logit. With four classes, a logit has a meaning
+# only relative to the others, so we subtract the mean over the classes. Positive scores (red) are
+# evidence for this shape, negative scores (blue) for the others.
 
 # %%
 from torch_geometric_tactile.analysis import IntegratedGradients, taxel_attribution
@@ -151,8 +151,9 @@ learnt = evidence(trained)
 random = [evidence(model) for model in untrained_models]
 
 # %% [markdown]
-# Two of the shapes on the hand: the mean pressure of their frames, the evidence of the trained
-# network, and that of the first untrained network. Each picture is divided by its own 99th percentile.
+# The figure shows two of the shapes on the hand: the mean pressure of their frames, the evidence of
+# the trained network, and that of the first untrained network. Each picture is divided by its 99th
+# percentile.
 
 # %% tags=["figure"]
 from torch_geometric_tactile.visualization import plot_hand_panels
@@ -174,9 +175,9 @@ plot_hand_panels(
 )
 
 # %% [markdown]
-# All three columns mark fingertips for the box and the upper edge of the palm for the sphere. Is
-# the place learnt? We compare the size of the evidence with the pressure, and then its sign with
-# that of the untrained networks.
+# All three columns mark fingertips for the box and the upper edge of the palm for the sphere. Did
+# the network learn these places? We compare the size of the evidence with the pressure, and then
+# its sign with that of the untrained networks.
 
 
 # %%
@@ -195,19 +196,19 @@ assert size < max(untrained_size) + 0.2, "the place of the evidence is not learn
 assert max(abs(one) for one in sign) < 0.5, "its sign is not that of an untrained network"
 
 # %% [markdown]
-# **Where** a map is strong says nothing here: it follows the pressure, for the trained network as
-# for the untrained networks. The network takes the 48 touched taxels with the largest pressure, so no other
-# taxel can get any evidence. **For what** the evidence speaks, its sign, has nothing in common with an
-# untrained network:
-# only that part can have been learnt. It is still no proof that the evidence is right.
+# **Where** a map is strong says nothing here: it follows the pressure, for the trained network and
+# for the untrained networks. The network takes the 48 touched taxels with the largest pressure, so
+# no other taxel can get any evidence. **The sign** of the evidence has nothing in common with an
+# untrained network, so only the sign can have been learnt. This is still no proof that the evidence
+# is right.
 
 # %% [markdown]
 # ## Embeddings: do shapes form clusters?
 #
-# The 48 numbers before the last layer describe a frame. Frames of one grasp are alike for any
-# network, so clusters in such a map may be grasps and not shapes. We therefore also count, for
-# each frame, whether the nearest frame **of another grasp** has the same shape (chance is 5 of
-# 23, 22 %).
+# The 48 numbers before the last layer describe a frame. Frames of one grasp are similar for any
+# network, so clusters in such a map may be grasps and not shapes. We therefore also test, for each
+# frame, whether the nearest frame **of another grasp** has the same shape (chance is 5 of 23, 22
+# %).
 
 # %% tags=["figure", "thumbnail"]
 from torch_geometric_tactile.analysis import embed_nodes
@@ -252,9 +253,9 @@ for name, one in rows.items():
     print(f"{name:20}{grasp:20.0%}{shape:19.0%}{nearest_elsewhere(one):22.0%}")
 
 # %% [markdown]
-# All three maps show tight clusters, and for all three nearly every neighbour is of the same
-# grasp, therefore of the same shape. That says nothing. Only the last column tells them apart:
-# from one object to another, the trained network finds the same shape about twice as often as
+# All three maps show tight clusters, and in all three nearly every neighbour belongs to the same
+# grasp and therefore has the same shape. This says nothing about learning. Only the last column
+# separates them: across objects, the trained network finds the same shape about twice as often as
 # most untrained networks, and the readings are no better than an untrained network.
 
 # %%
@@ -270,21 +271,21 @@ assert elsewhere["trained"] > sum(untrained_elsewhere) / len(untrained_models) +
 # %% [markdown]
 # ## What to take from this
 #
-# * Put an untrained network beside each picture: `copy.deepcopy(model)` and `reset_parameters()`.
-#   Give it the scale of the data, or it fails for a dull reason.
-# * Here confusion, the sign of the evidence and neighbours in other grasps change with training.
+# * Compare each picture with that of an untrained network: `copy.deepcopy(model)` and
+#   `reset_parameters()`. Give it the scale of the data, or it fails for a trivial reason.
+# * Here, confusion, the sign of the evidence, and neighbours in other grasps change with training.
 #   The places of the evidence and the tight clusters do not, so they say nothing about what was
 #   learnt.
-# * Frames of one grasp are nearly copies. Whatever counts neighbours has to leave the own grasp
-#   out.
-# * Numbers, not pictures, made the difference visible. One trained network, five untrained ones and 24
-#   simulated objects stand behind them.
+# * Frames of one grasp are nearly copies. If you count neighbours, exclude those of the same grasp.
+# * The difference became visible in numbers, not in pictures. The numbers are from one trained
+#   network, five untrained networks and 24 simulated objects.
 #
 # ## Next
 #
-# * [What a model has learnt](../docs/analysis.md): the same by one command, `tactile analyze`,
-#   with encoder maps and occlusion; [five models looked at](../docs/results/analysis.md).
-# * [Predictors](../docs/predictor.md): what is in the file, and [tutorial 3](03_live_robot.py):
-#   how it runs live.
-# * [The study of the simulated hand](../docs/results/hand_study.md): where pose helps, and where
-#   it does not.
+# * [What a model has learnt](../docs/analysis.md): the same analysis with one command, `tactile
+#   analyze`, with encoder maps and occlusion; and [an analysis of five
+#   models](../docs/results/analysis.md).
+# * [Predictors](../docs/predictor.md): the contents of the file, and [tutorial
+#   3](03_live_robot.py): how it runs live.
+# * [The study of the simulated hand](../docs/results/hand_study.md): where the pose helps, and
+#   where it does not.

@@ -1,23 +1,23 @@
 # %% [markdown]
 # # A policy that feels: what is touch worth to a robot that acts?
 #
-# A gripper lifts objects that it does not know. Squeeze too little, and they slip or turn; squeeze
-# too much, and they are crushed. An expert who knows each object shows how; two policies learn from
-# it, one from the motors alone and one that also feels. Then both lift the same new objects.
+# A gripper lifts unknown objects. If it squeezes too little, they slip or turn. If it squeezes too
+# much, they are crushed. An expert that knows each object demonstrates the task. Two policies learn
+# from it, one from the motors alone and one with touch. Then both lift the same new objects.
 #
-# - **Data**: demonstrations of a simulated gripper (MuJoCo, no real one), recorded here.
-# - **You will see** an expert's squeeze, two policies that differ in nothing but their inputs, how
-#   often each succeeds in closed loop, and the demonstrations as a LeRobot data set.
-# - **Time**: about 50 s. The whole table, with five seeds and more inputs, is
-#   [on a page](../docs/results/touch_policies.md).
+# - **Data**: demonstrations of a simulated gripper (MuJoCo), recorded here.
+# - **You will see** an expert's squeeze, two policies that differ only in their inputs, their
+#   success in closed loop, and the demonstrations as a LeRobot data set.
+# - **Time**: about 50 s. [The results page](../docs/results/touch_policies.md) has the whole table,
+#   with five seeds and more inputs.
 
 # %% [markdown]
 # ## The task, and an expert
 #
 # `GripperLift` runs at 20 Hz. An action is a change of the logarithm of the squeeze and the speed
-# of the lift. Each episode draws mass, friction, centre of mass and the errors of the sensor.
-# `record_lift` runs an episode and returns a `Recording`, with the actions. With `noise`, the
-# executed actions are disturbed for a while, so that the expert shows the way back.
+# of the lift. Each episode draws mass, friction, centre of mass and sensor errors. `record_lift`
+# runs an episode and returns a `Recording` with the actions. With `noise`, the executed actions are
+# disturbed for a while, so that the expert shows how to recover.
 
 # %%
 import matplotlib.pyplot as plt
@@ -32,8 +32,8 @@ print(demonstrations[0])
 print({label: sum(r.label == label for r in demonstrations) for label in ("success", "crushed")})
 
 # %% [markdown]
-# The right squeeze differs from object to object by a factor of up to 40, so no constant fits.
-# A line ends a step before its episode does:
+# The right squeeze differs between objects by a factor of up to 40, so no constant fits. Each line
+# ends one step before its episode:
 
 # %% tags=["figure"]
 figure, axes = plt.subplots(1, 3, figsize=(9, 2.6), sharey=True, layout="constrained")
@@ -54,9 +54,10 @@ plt.show()
 # %% [markdown]
 # ## Two policies
 #
-# `lift_inputs` gives what a policy may see at one step: `"none"` is the motors alone (positions,
-# velocities, commands, forces), `"taxels"` adds the readings of 32 taxels with three axes. Both
-# policies see the last eight steps and have the same network but for its first layer.
+# `lift_inputs` returns the inputs of a policy at one step. `"none"` has the motors alone
+# (positions, velocities, commands, forces), and `"taxels"` adds the readings of 32 taxels with
+# three axes. Both policies see the last eight steps and have the same network, except for its first
+# layer.
 
 # %%
 import torch
@@ -105,8 +106,8 @@ policies = {name: learn(name) for name in ("none", "taxels")}
 # %% [markdown]
 # ## Closed loop
 #
-# A loss tells little about a policy, whose errors add up. What counts is whether it lifts objects
-# that it has not met. Both get the same objects and the same noise, so the episodes are paired.
+# The loss of a policy says little, since its errors add up. What matters is whether it lifts new
+# objects. Both policies get the same objects and the same noise, so the episodes are paired.
 
 
 # %%
@@ -134,7 +135,8 @@ for name, rows in episodes.items():
     print(f"{name:7}{success[name].mean():5.0%} of {len(rows)} lifted, failures: {counts}")
 
 # %% [markdown]
-# Is the difference beyond the noise? One training each, so only the objects count here:
+# Is the difference beyond the noise? There is one training of each policy, so only the objects
+# count here:
 
 # %%
 gain = success["taxels"].astype(float) - success["none"]
@@ -159,16 +161,17 @@ axes[1].legend(fontsize=8)
 plt.show()
 
 # %% [markdown]
-# Without touch, the squeeze follows the need only roughly, by the force of the motor that lifts:
-# what needs little is crushed, what needs much turns. With touch it follows the need over a factor
-# of ten; most of what fails is squeezed a little too much, and a few lifts do not end in time.
+# Without touch, the squeeze follows the need only roughly, through the force of the lifting motor:
+# objects that need little are crushed, and objects that need much turn. With touch, it follows the
+# need over a factor of ten. Most failures are squeezed a little too much, and a few lifts do not
+# end in time.
 #
-# ## The same demonstrations for LeRobot
+# ## Write the demonstrations for LeRobot
 #
-# LeRobot's policies read `observation.state`, `observation.environment_state` and images, and
-# nothing else. So touch goes where they look: `key=` names the feature. For ACT with an encoder
-# that knows the layout, keep the readings as `observation.tactile` and use the plug-in
-# `lerobot_policy_touch` ([page](../docs/lerobot.md)).
+# LeRobot's policies read only `observation.state`, `observation.environment_state` and images, so
+# write touch to one of these features: `key=` names the feature. To use ACT with an encoder that
+# knows the layout, keep the readings as `observation.tactile` and use the plug-in
+# `lerobot_policy_touch` ([LeRobot data sets](../docs/lerobot.md#a-policy-that-reads-touch)).
 
 # %%
 import json
@@ -193,14 +196,15 @@ print(
 # %% [markdown]
 # ## What to take from this
 #
-# * Judge a policy in closed loop, on paired episodes; its loss does not tell you what touch is worth.
+# * Evaluate a policy in closed loop, on paired episodes. Its loss does not show the value of touch.
 # * The claim is "from the same demonstrations", not "impossible without touch".
-# * The gripper is simulated and its sensor is good. With a rough one (15 % gains, 20 mN offsets)
-#   the gain is smaller or gone: see [the table](../docs/results/touch_policies.md).
+# * The gripper is simulated and its sensor is good. With a rough sensor (15 % gains, 20 mN
+#   offsets), the gain is smaller or gone: see [the table](../docs/results/touch_policies.md).
 # * For LeRobot, touch counts only in a feature that the policy reads.
 #
 # ## Next
 #
-# * [The task](../docs/touch_policies.md), its limits, and [all rows](../docs/results/touch_policies.md).
+# * [The task](../docs/touch_policies.md), its limits, and [all
+#   rows](../docs/results/touch_policies.md).
 # * [Touch in LeRobot](../docs/lerobot.md).
 # * [Tutorial 3](03_live_robot.py): the same numbers live as in the lab.

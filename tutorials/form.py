@@ -1,4 +1,4 @@
-r"""The form of a tutorial: its script, its notebook, and what a script must contain."""
+r"""Scripts and notebooks of the tutorials, and checks of their form."""
 
 import ast
 import re
@@ -34,10 +34,10 @@ def script_paths(names: list[str] | None = None, folder: Path = FOLDER) -> list[
     Args:
         names (list of str, optional): Names or their beginnings, such as :obj:`"04"`; paths and
             the ending :obj:`.py` are accepted.
-        folder (Path): Where the scripts are.
+        folder (Path): The folder of the scripts.
 
     Raises:
-        ValueError: If no script or more than one has a name.
+        ValueError: If a name matches no script, or more than one.
     """
     paths = sorted(folder.glob("[0-9][0-9]_*.py"))
     if not names:
@@ -62,7 +62,7 @@ def read_script(path: Path) -> NotebookNode:
 
 
 def is_figure(cell: NotebookNode) -> bool:
-    r"""Returns whether a cell is tagged as one that ends in a figure."""
+    r"""Returns whether a cell is tagged as a figure."""
     return "figure" in cell.metadata.get("tags", [])
 
 
@@ -77,14 +77,14 @@ def relative_links(notebook: NotebookNode) -> list[str]:
 
 
 def replace_links(notebook: NotebookNode, pages: str, tutorials: str) -> None:
-    r"""Replaces what the links to files begin with, in place. In a script they are relative to
-    :obj:`tutorials/`: :obj:`../docs/scaling.md` and :obj:`04_new_day.py`, which becomes
-    :obj:`04_new_day.ipynb`.
+    r"""Replaces the beginnings of links to files, in place. In a script, links are relative to
+    :obj:`tutorials/`, such as :obj:`../docs/scaling.md` and :obj:`04_new_day.py`. The latter
+    becomes :obj:`04_new_day.ipynb`.
 
     Args:
         notebook (NotebookNode): The notebook.
-        pages (str): In place of :obj:`../docs/`.
-        tutorials (str): In front of the name of another tutorial.
+        pages (str): The text that replaces :obj:`../docs/`.
+        tutorials (str): The text before the name of another tutorial.
     """
 
     def replaced(match: re.Match[str]) -> str:
@@ -100,8 +100,8 @@ def replace_links(notebook: NotebookNode, pages: str, tutorials: str) -> None:
 
 
 def form_problems(path: Path) -> list[str]:
-    r"""Returns what a script lacks: a title and a question, two figure cells, an assertion about a
-    result, the closing sections, links that lead to files.
+    r"""Returns the problems of a script: no title with a question, fewer than two figure cells, no
+    assertion about a result, missing closing sections, or broken links to files.
     """
     notebook = read_script(path)
     markdown = _markdown(notebook)

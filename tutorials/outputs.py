@@ -1,4 +1,4 @@
-r"""The outputs of the cells of a tutorial: what is wrong with them, and how they are stored."""
+r"""Checks and storage of the outputs of tutorial cells."""
 
 import ast
 import base64
@@ -31,9 +31,9 @@ def without_escapes(text: str) -> str:
 
 
 def output_problems(cell: NotebookNode) -> list[str]:
-    r"""Returns what is wrong with the outputs of a cell: stderr, a warning, a path or an address of
-    this machine, no picture in a figure cell, no output where the code prints or ends in a value. Nothing is
-    wrong with a Markdown cell or a cell that was not run.
+    r"""Returns the problems of the outputs of a cell: stderr, a warning, a path or an address of
+    this machine, no picture in a figure cell, or no output although the code prints. Markdown cells
+    and cells that were not run have no problems.
     """
     if cell.cell_type != "code" or cell.execution_count is None:
         return []
@@ -57,7 +57,7 @@ def output_problems(cell: NotebookNode) -> list[str]:
 
 
 def shows_picture(cell: NotebookNode) -> bool:
-    r"""Returns whether a cell has a picture into which something was drawn."""
+    r"""Returns whether a cell has a picture that is not empty."""
     pictures = [output.get("data", {}).get("image/png") for output in cell.get("outputs", [])]
     return any(_is_drawn(picture) for picture in pictures if picture)
 
@@ -75,8 +75,8 @@ def prints(code: str) -> bool:
 
 
 def to_stored(output: NotebookNode) -> NotebookNode:
-    r"""Returns an output as it is committed: a picture of 256 colours, which takes a third of the
-    bytes, without the text that stands for it.
+    r"""Returns an output in the form in which it is committed. Pictures have 256 colours, which take
+    a third of the bytes, and no text alternative.
     """
     picture = output.get("data", {}).get("image/png")
     if not picture:

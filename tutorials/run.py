@@ -1,13 +1,14 @@
-r"""Runs the tutorials as notebooks, checks what they show, and prints how long they take.
+r"""Runs the tutorials as notebooks, checks their outputs, and prints their times.
 
-python tutorials/run.py               all of them
+python tutorials/run.py               runs all tutorials
 python tutorials/run.py 01 04_new_day --jobs 2
 python tutorials/run.py 01 --write    also writes its notebook in tutorials/notebooks/
 
 The executed notebooks are written to build/tutorials/. A tutorial fails if a cell raises an error,
 writes to stderr, or prints a warning or a path of this machine, if a figure cell shows no picture,
 if its form is wrong (see tutorials/README.md), or if it takes more processor time or memory than
-the limits. One whose data can neither be found nor downloaded is skipped, with the reason.
+the limits. A tutorial whose data can be neither found nor downloaded is skipped, and the reason is
+printed.
 """
 
 import argparse
@@ -34,7 +35,7 @@ from to_notebooks import write_notebook
 
 @dataclass(frozen=True)
 class Limits:
-    r"""What one tutorial may take: processor time in seconds, memory in bytes."""
+    r"""Limits of one tutorial: processor time in seconds, memory in bytes."""
 
     seconds: float = 60
     memory: float = 2e9
@@ -42,7 +43,7 @@ class Limits:
 
 @dataclass
 class Result:
-    r"""What came out of one tutorial."""
+    r"""The result of one tutorial."""
 
     name: str
     problems: list[str] = field(default_factory=list)
@@ -54,7 +55,7 @@ class Result:
 
     @property
     def status(self) -> str:
-        r""":obj:`"ok"`, :obj:`"skipped"` or :obj:`"FAILED"`."""
+        r"""The status: :obj:`"ok"`, :obj:`"skipped"` or :obj:`"FAILED"`."""
         return "FAILED" if self.problems else "skipped" if self.skipped else "ok"
 
 
@@ -69,12 +70,12 @@ class _Kernel(AsyncKernelManager):
 
 def run_tutorial(path: Path, out: Path, limits: Limits) -> Result:
     r"""Runs and checks one tutorial in the folder of its script. Processor time and memory are
-    those of all ended child processes, so that a process may run one tutorial only.
+    measured over all ended child processes, so a process must run only one tutorial.
 
     Args:
         path (Path): The script.
         out (Path): The folder for the executed notebook.
-        limits (Limits): What it may take.
+        limits (Limits): The limits of time and memory.
     """
     result = Result(path.stem, problems=form_problems(path))
     notebook = read_script(path)
@@ -129,9 +130,9 @@ def _limit_problems(result: Result, limits: Limits) -> list[str]:
 
 
 def link_data(data: Path, folder: Path) -> None:
-    r"""Makes a folder with links to all files of another, and names it to the tutorials as
-    :obj:`TACTILE_DATA`. Folders are new ones and processed files are left out, so that data sets
-    write beside the links, and read nothing that another run has processed.
+    r"""Fills a folder with links to all files of another folder, and sets :obj:`TACTILE_DATA` to it.
+    Folders are created and processed files are left out, so that data sets write beside the links
+    and read no processed files of other runs.
     """
     for path in data.rglob("*"):
         inside = path.relative_to(data)
@@ -159,7 +160,7 @@ def row(result: Result) -> str:
 
 
 def together(results: list[Result]) -> Result:
-    r"""Returns the problems of all, and the sums of their times and figures."""
+    r"""Returns the problems of all results, and the sums of their times and figures."""
     return Result(
         "together",
         problems=[f"{result.name}: {problem}" for result in results for problem in result.problems],
@@ -170,10 +171,10 @@ def together(results: list[Result]) -> Result:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    r"""Runs the tutorials; returns the exit status."""
+    r"""Runs the tutorials and returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("names", nargs="*", help="names or numbers, such as 04; all if left out")
-    parser.add_argument("--jobs", type=int, default=1, help="tutorials that run at once")
+    parser.add_argument("--jobs", type=int, default=1, help="number of tutorials that run at once")
     parser.add_argument(
         "--limit", type=float, default=Limits.seconds, help="processor time of each in seconds"
     )

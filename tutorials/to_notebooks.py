@@ -1,10 +1,9 @@
-r"""Writes the notebooks of the tutorials anew after a change of their text, with the outputs that
-they have.
+r"""Writes the notebooks of the tutorials after a change of their text, and keeps their outputs.
 
 python tutorials/to_notebooks.py            writes tutorials/notebooks/
-python tutorials/to_notebooks.py --check    fails if a notebook is not that of its script
+python tutorials/to_notebooks.py --check    fails if a notebook differs from its script
 
-After a change of code: python tutorials/run.py NAME --write, which runs the tutorial.
+After a change of code, run the tutorial: python tutorials/run.py NAME --write
 """
 
 import argparse
@@ -47,7 +46,7 @@ def with_outputs(path: Path, executed: Path) -> NotebookNode:
         executed (Path): The executed notebook, with or without the cell that installs the package.
 
     Raises:
-        ValueError: If there is no such notebook, or its code is not that of the script.
+        ValueError: If the notebook is missing, or its code differs from that of the script.
     """
     notebook = read_script(path)
     run_again = f"run: python tutorials/run.py {path.stem} --write"
@@ -71,8 +70,8 @@ def code_cells(notebook: NotebookNode) -> list[NotebookNode]:
 
 
 def notebook_text(path: Path, executed: Path) -> str:
-    r"""Returns the notebook of a script as it is committed: badges below the title, a cell that
-    installs the package, links to GitHub, and the outputs of an executed notebook.
+    r"""Returns the text of the committed notebook of a script, with badges below the title, a cell
+    that installs the package, links to GitHub, and the outputs of an executed notebook.
     """
     notebook = with_outputs(path, executed)
     replace_links(notebook, f"{GITHUB}/blob/main/docs/", f"{GITHUB}/blob/main/tutorials/notebooks/")
@@ -103,7 +102,7 @@ def write_notebook(path: Path, executed: Path, folder: Path) -> None:
 
 
 def out_of_step(scripts: list[Path], folder: Path) -> list[str]:
-    r"""Returns what is wrong with a folder of notebooks: those that are missing, differ from their
+    r"""Returns the problems of a folder of notebooks: notebooks that are missing, differ from their
     script, have wrong outputs or cells that were not run, or have no script.
     """
     problems = []
@@ -127,7 +126,7 @@ def out_of_step(scripts: list[Path], folder: Path) -> list[str]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    r"""Writes or checks the notebooks; returns the exit status."""
+    r"""Writes or checks the notebooks and returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--check", action="store_true", help="write nothing, fail if one differs")
     parser.add_argument("--scripts", type=Path, default=FOLDER, help="folder of the scripts")

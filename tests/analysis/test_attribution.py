@@ -134,13 +134,13 @@ def test_model_without_a_graph_needs_no_edges(algorithm):
     for batch in (static, static.to_batch()):
         assert taxel_attribution(model, batch, 0, algorithm=algorithm).abs().sum() > 0
         assert patch_occlusion(model, batch, 0, SEGMENT).abs().sum() > 0
-    with pytest.raises(ValueError, match="'batch' must have 'edge_index', which the model takes"):
+    with pytest.raises(ValueError, match="'batch' must have 'edge_index', which the model needs"):
         taxel_attribution(TactileGCN(4, 3, channels={"tactile": 2}), static, 0)
 
 
 def test_bad_input_is_named():
     static, _ = batches()
-    with pytest.raises(ValueError, match="'batch' must have 'joint', which the model takes"):
+    with pytest.raises(ValueError, match="'batch' must have 'joint', which the model needs"):
         taxel_attribution(Chooser(), StaticData(x=X, edge_index=EDGES), 0)
     with pytest.raises(ValueError, match=r"'target' must be between 0 and 2 \(got 3 to 3\)"):
         taxel_attribution(Chooser(), static, 3)

@@ -151,13 +151,13 @@ def test_degrees_with_too_many_terms_are_passed_over():
     x = torch.rand(6, 600, 3)
     fit = fit_calibration(x, x.sum(dim=(1, 2)), torch.arange(6) // 2, strengths=[1.0])
     assert fit.calibrate.degree < 3
-    with pytest.raises(ValueError, match=r"'degrees' must make 10000 terms at most \(got \{3: 12"):
+    with pytest.raises(ValueError, match=r"'degrees' must yield at most 10000 terms \(got \{3: 12"):
         fit_calibration(x, x.sum(dim=(1, 2)), torch.arange(6) // 2, degrees=[3])
 
 
 def test_bad_input():
     x, force, part = linear()
-    with pytest.raises(ValueError, match=r"two recordings or more, .*\(got 1\)"):
+    with pytest.raises(ValueError, match=r"at least two recordings, .*\(got 1\)"):
         fit_calibration(x, force, torch.zeros(60))
     with pytest.raises(ValueError, match=r"measured in each recording \(got none in 1\)"):
         fit_calibration(x, torch.where(part == 1, torch.nan, force), part)
@@ -176,7 +176,7 @@ def test_bad_input():
     of_taxels = torch.full((60, 2, 1), torch.nan, dtype=torch.double)
     of_taxels[:, 0, 0] = force
     of_taxels[part == 0, 1, 0] = force[part == 0]
-    with pytest.raises(ValueError, match=r"two recordings or more, .* fewer on taxel 1\)"):
+    with pytest.raises(ValueError, match=r"at least two recordings, .* fewer on taxel 1\)"):
         fit_calibration(x, of_taxels, part, per="taxel")
 
 

@@ -102,7 +102,9 @@ def test_separation_rejects_bad_input():
         edge_separation(value, EDGES.t(), SEGMENT)
     with pytest.raises(ValueError, match=r"one for each node of 'edge_index' \(got \(2,\)\)"):
         edge_separation(value, EDGES, SEGMENT[:2])
-    with pytest.raises(ValueError, match=r"within and between segments \(got 0 of 3 between\)"):
+    with pytest.raises(
+        ValueError, match=r"within segments and edges between segments \(got 0 of 3 between\)"
+    ):
         edge_separation(value, EDGES, torch.zeros(3))
     with pytest.raises(ValueError, match="finite numbers only"):
         edge_separation(value / 0, EDGES, SEGMENT)

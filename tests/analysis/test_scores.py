@@ -56,7 +56,7 @@ def test_bad_input_is_named():
         class_confusion(Y, Y[:3], 3)
     with pytest.raises(ValueError, match=r"'y' must hold classes 0 to 1 \(got 0 to 2\)"):
         class_confusion(Y, Y, 2)
-    with pytest.raises(ValueError, match=r"'y' must hold 0 and 1 only \(got 0 to 2\)"):
+    with pytest.raises(ValueError, match=r"'y' must hold only 0 and 1 \(got 0 to 2\)"):
         label_confusion(Y.view(-1, 1), Y.view(-1, 1))
     with pytest.raises(ValueError, match=r"'score' must have shape \(num_samples, 2\)"):
         roc_curves(Y, SCORE, ["a", "b"])

@@ -69,5 +69,5 @@ def test_threshold_is_of_the_training_part():
 
 
 def test_other_taxels_are_refused():
-    with pytest.raises(ValueError, match="'x' must have 4 taxels, as layout 'two'"):
+    with pytest.raises(ValueError, match="'x' must have 4 taxels, like layout 'two'"):
         posed_summary(X[:, :3], LAYOUT)

@@ -250,7 +250,7 @@ def test_fewer_descriptors_than_words_are_refused(model):
     message = r"'num_words' must not exceed the number .*got 500 words and \d+ .* 4 images\)"
     with pytest.raises(ValueError, match=message):
         model(num_words=500, **WIDE[model.__name__]).fit(X[:4], Y[:4])
-    with pytest.raises(ValueError, match="and 0 descriptors of 4 images"):
+    with pytest.raises(ValueError, match="and 0 descriptors in 4 images"):
         model().fit(0 * X[:4], Y[:4])
 
 
@@ -291,7 +291,7 @@ def test_bad_readings_are_refused(fitted, x, message):
 
 
 def test_labels_of_other_samples_are_refused(fitted):
-    with pytest.raises(ValueError, match=r"'y' must have shape \(60,\), as 'x' \(got \(59,\)\)"):
+    with pytest.raises(ValueError, match=r"'y' must have shape \(60,\), like 'x' \(got \(59,\)\)"):
         clone(fitted).fit(X, Y[1:])
 
 

@@ -84,7 +84,10 @@ def test_model_of_ones_own_that_fails_stops_no_other(data, capsys, monkeypatch):
     [
         (["--sets", "grasp"], "'--sets' must be some of grasps, by object, away (got 'grasp')"),
         (["--own", "OneLayer"], "'--own' must be some of taxel_net, "),
-        (["--own", "own_models.Nothing"], "import paths of your own (got 'own_models.Nothing'"),
+        (
+            ["--own", "own_models.Nothing"],
+            "import paths of your own models (got 'own_models.Nothing'",
+        ),
         (["--sets", "away"], "no data set of the board has results"),
     ],
 )
@@ -102,3 +105,16 @@ def test_sets_are_classes_of_ours_with_their_arguments():
         assert hasattr(datasets, board_set.dataset)
         assert {*board_set.arguments} <= set(names)
         assert board_set.by in ("given", "group", "trial")
+
+
+def test_tables_of_scores_have_at_most_six_columns():
+    from torch_geometric_tactile.reports._board import _score_tables
+
+    header = ["model", "mean rank", "ranked sets", "a", "b", "c", "d"]
+    rows = [["fnn", "1.0", "4", "90", "91", "92", "93"], ["lstm", "2.0", "1", "80", "", "", ""]]
+    lines = _score_tables(header, rows)
+    assert [line for line in lines if line.startswith("| model")] == [
+        "| model | mean rank | ranked sets | a | b | c |",
+        "| model | d |",
+    ]
+    assert lines[-1] == "| `fnn` | 93 |"  # lstm has no score on the fourth set

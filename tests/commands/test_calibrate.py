@@ -111,7 +111,7 @@ def test_bad_input(tmp_path, capsys):
     other.mkdir()
     (one,) = recordings(other, count=1, meta={"unit": "microtesla"})
     text = complaint(capsys, *paths, one, "--force", "fz")
-    assert "all recordings must be of one sensor in one unit" in text
+    assert "all recordings must be from one sensor in one unit" in text
     (one,) = recordings(other, count=1, extra={"fz": np.array(["a"] * 40)})
     assert "'--force' must be numbers in" in complaint(capsys, one, paths[0], "--force", "fz")
     (one,) = recordings(other, count=1, extra={"fz": np.full(40, np.nan)})

@@ -65,7 +65,7 @@ def test_table_ends_with_a_sentence(tmp_path, capsys):
     ]
     assert out[4].split()[:2] == ["model", "kind"]
     assert "a: 9 of 9 runs finished" in out
-    assert out[-1].startswith("Take ")
+    assert out[-1].startswith("Use ")
     for suffix in (".md", ".csv", ".json", "_predictions.csv", ".png"):
         assert (tmp_path / "out" / f"a{suffix}").stat().st_size > 100
         assert f"wrote {tmp_path / 'out' / f'a{suffix}'}" in out
@@ -110,7 +110,7 @@ def test_several_test_sets_after_one_training(tmp_path, capsys):
     page = (tmp_path / "out" / "a.md").read_text()
     assert "## Accuracy by set" in page
     assert "| garden | 12 |" in page  # with any number of seeds
-    assert "the given parts, 1 split. Mean ± standard deviation over 3 seeds" in page
+    assert "the given parts, 1 split. Mean ± standard deviation over 3 training seeds" in page
     content = json.loads((tmp_path / "out" / "a.json").read_text())
     assert (content["num_splits"], content["num_seeds"], content["chosen_by"]) == (
         *(1, 3),
@@ -169,7 +169,7 @@ def test_numbers_are_predicted(tmp_path, capsys):
     assert run(tmp_path, "--models", "svm_linear,constant") == 0
     out = capsys.readouterr().out
     assert "MAE" in out
-    assert "Take svm_linear (MAE " in out
+    assert "Use svm_linear (MAE " in out
 
 
 @pytest.mark.full
@@ -313,7 +313,7 @@ def test_stopped_run_goes_on_to_the_same_numbers(tmp_path, stop):
         (["--layout", "biotac"], "only one of '--layout' and '--grid'"),
         (["--grid", "8x8"], "'x' must have shape (num_samples, 64, ...)"),
         (["--time-axis", "9"], "'--time-axis' must be a dimension of 'x' of at least 2 frames"),
-        (["--time-axis", "1", "--window", "2"], "'--time-axis' must be left out where windows"),
+        (["--time-axis", "1", "--window", "2"], "'--time-axis' must be left out if windows"),
         (["--time-axis", "2", "--rest", "1"], "'--rest' must be left out for samples of several"),
         (
             ["--window", "5"],
@@ -356,7 +356,7 @@ def test_the_recommended_model_is_saved_and_predicts(tmp_path, capsys):
     save = ["--save", str(tmp_path / "best.predictor")]
     assert run(tmp_path, "--models", "svm_linear,constant", *save) == 0
     out = capsys.readouterr().out.splitlines()
-    assert out[-3].startswith("Take svm_linear")
+    assert out[-3].startswith("Use svm_linear")
     told = "Predictor(EstimatorModel, 'grid_3x4', classes=['0', '1', '2'], task='multiclass')"
     assert out[-2] == f"wrote {tmp_path / 'best.predictor'}: {told}"
     assert out[-1].startswith("  svm_linear: accuracy ")
@@ -384,7 +384,7 @@ def test_a_network_over_time_is_chosen_and_predicts_windows_of_recordings(tmp_pa
     options = ["--models", "temporal_cnn,constant", "--epochs", "12", "--save", str(path)]
     assert run(tmp_path, *cut, *options) == 0
     said = capsys.readouterr().out
-    assert "Take temporal_cnn" in said
+    assert "Use temporal_cnn" in said
     assert f"wrote {path}: Predictor(TemporalCNN, 'grid_3x4', classes=['0', '1']" in said
     predictor = Predictor.load(path)
     assert (predictor.window.length, predictor.window.hop) == (10, 5)
@@ -422,7 +422,7 @@ def test_json_is_all_that_is_printed_where_a_model_is_saved(tmp_path, capsys):
     save = ["--save", str(tmp_path / "best.predictor"), "--json"]
     assert run(tmp_path, "--models", "svm_linear", *save) == 0
     said = capsys.readouterr()
-    assert json.loads(said.out)["advice"].startswith("Take svm_linear")
+    assert json.loads(said.out)["advice"].startswith("Use svm_linear")
     assert "best.predictor: Predictor(EstimatorModel" in said.err
 
 
@@ -456,7 +456,8 @@ def test_score_for_a_new_person(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "48 samples, 12 trials; 3 folds by person" in out
     assert (
-        "On persons that the model has never seen, svm_linear is right in 100.0 % (3 persons" in out
+        "On persons that the model has never seen, svm_linear has an accuracy of 100.0 % (3 persons"
+        in out
     )
     assert main([*command, "{object}_{trial}", "--by", "person"]) == 1
     assert (

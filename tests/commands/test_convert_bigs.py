@@ -105,7 +105,7 @@ def test_options_state_names_orders_units_and_rates(tmp_path):
     [
         (["--field", "electrodes"], r"'--field' must be OURS=THEIRS, once per name \(got 'elec"),
         (["--field", "pac=a", "--field", "pac=b"], r"once per name \(got 'pac=b'\)"),
-        (["--field", "taxels=a"], r"'fields' must have keys of"),
+        (["--field", "taxels=a"], r"'fields' must have keys among"),
         (["--value", "pickup_time=x"], r"'--value' must have a number \(got 'x'\)"),
         (["--rate-of", "pac=fast"], r"'--rate-of' must have a number \(got 'fast'\)"),
         (["--rate", "nan"], r"'rate' must be a positive rate"),
@@ -150,7 +150,7 @@ def test_names_that_would_overwrite_each_other(source, tmp_path, capsys):
     assert run(source, tmp_path / "more", tmp_path / "out", "--npz") == 1
     assert "grasps must have different file names (got" in capsys.readouterr().err
     assert run(source, source, "--npz") == 1
-    assert "'OUT_DIR' must be another folder than that of" in capsys.readouterr().err
+    assert "'OUT_DIR' must not be the folder of" in capsys.readouterr().err
     (tmp_path / "empty").mkdir()
     assert run(tmp_path / "empty", tmp_path / "out") == 1
     assert (

@@ -90,7 +90,7 @@ def test_report_says_first_that_the_data_is_generated(demo):
     assert first.strip().startswith("Data: GENERATED, not measured")
     (conclusion,) = re.findall(r'<p class="verdict">([^<]*)</p>', page)
     assert conclusion.startswith(
-        "The data is generated: the numbers show only that everything runs"
+        "The data is generated: the numbers only show that everything runs"
     )
     assert "sessions, the readings of whole fingers shift" not in conclusion
 

@@ -189,7 +189,7 @@ def test_convert_csv_without_names(tmp_path):
         ("a.csv", b"x_0,taxel_0_x\n5,6\n", [], "(got 'x_0')"),
         ("a.csv", b"t,b\n5," + b"9" * 5000 + b"\n", [], "must be finite"),
         ("a.csv", b"Send time,Receive time\n", [], "the column 'Message number'"),
-        ("a.csv", b"clock,a\n0,1\n", [], "a column of the time (got clock, a)"),
+        ("a.csv", b"clock,a\n0,1\n", [], "a time column (got clock, a)"),
         ("a.npz", b"PK\x05\x06" + bytes(18), [], "a.npz'"),
         ("a.json", b'{"a":' * 100_000, [], "line 1"),
         ("a.json", b'{"message": ' + b"9" * 5000 + b"}", [], "line 1"),

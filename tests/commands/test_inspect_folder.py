@@ -165,8 +165,7 @@ def test_a_pattern_names_the_groups(folder, capsys):
 def test_subfolders_are_read_with_a_slash_in_the_pattern(folder, tmp_path, capsys):
     assert main(["inspect", str(tmp_path)]) == 1
     assert (
-        "(got none): for those in subfolders, give a '--pattern' with a '/'"
-        in capsys.readouterr().err
+        "(got none): to search subfolders, give a '--pattern' with a '/'" in capsys.readouterr().err
     )
     write_npz(grasp(8), tmp_path / "processed/x.npz")
     write_npz(grasp(8), tmp_path / "grasps/.hidden.npz")
@@ -267,7 +266,7 @@ def test_episodes_of_a_lerobot_data_set_are_recordings(dataset, capsys):
     assert found["taxels"] == ["4 of 1 channels"]
     assert found["label"] == ["cup 1, mug 1"]
     assert main(["inspect", str(dataset)]) == 1
-    assert "for all of 'observation.tactile.*', give this as '--tactile'" in capsys.readouterr().err
+    assert "for all of 'observation.tactile.*', pass this as '--tactile'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("option", ["--time", "--pattern"])

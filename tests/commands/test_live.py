@@ -63,7 +63,7 @@ def test_recording_is_judged_and_recorded(whole, model, tmp_path, capsys):
     assert (found.tactile == whole.tactile).all()
     assert found.label == "mug"
     assert main([*arguments]) == 1
-    assert "exists: give another name" in capsys.readouterr().err
+    assert "exists: choose another name" in capsys.readouterr().err
 
 
 def test_frames_without_contact_are_told(whole, model, tmp_path, capsys):

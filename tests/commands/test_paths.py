@@ -105,7 +105,7 @@ def test_no_command_replaces_what_it_reads(name, source, target, tmp_path, capsy
     if name == "replay":
         given["file"] = str(link)
     assert main(command_line(name, given, tmp_path)) == 1
-    assert "must not replace a file that is read: choose another name" in capsys.readouterr().err
+    assert "must not replace an input file: choose another name" in capsys.readouterr().err
     assert path.read_bytes() == NOT_OURS
 
 
@@ -154,7 +154,7 @@ def test_no_file_of_another_kind_is_replaced_within_a_folder(name, tmp_path, mon
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(NOT_OURS)
         assert main(line) == 1
-        assert f"(got '{path}', which is no such file)" in capsys.readouterr().err
+        assert f"(got '{path}', which is a file of another kind)" in capsys.readouterr().err
         assert path.read_bytes() == NOT_OURS
         path.unlink()
 
@@ -176,9 +176,7 @@ def test_outputs_that_cannot_be_written_are_errors_before_the_run(name, tmp_path
                 given["name"] = "bts3"
             assert main(command_line(name, given, tmp_path)) == 1
             error = capsys.readouterr().err
-            assert "' must be a f" in error or "' must be in a folder that can be wri" in error, (
-                name
-            )
+            assert "' must be a f" in error or "' must be in a writable folder" in error, name
     assert file.read_bytes() == NOT_OURS
 
 
@@ -207,7 +205,7 @@ def test_one_file_by_several_names(way, tmp_path, monkeypatch):
         "hard link": tmp_path / "h.npz",
         "folder link": "other/a.npz",
     }[way]
-    with pytest.raises(ValueError, match="'--save' must not replace a file that is read"):
+    with pytest.raises(ValueError, match="'--save' must not replace an input file"):
         outputs_of([path], output)
 
 
@@ -217,9 +215,9 @@ def test_what_a_configuration_names_is_read(tmp_path, monkeypatch):
     Path("a.npz").write_bytes(NOT_OURS)
     Path("data").mkdir()
     Path("run.yaml").write_text("data: {path: [a.npz], root: data}\nlog: runs\n")
-    with pytest.raises(ValueError, match="must not replace a file that is read"):
+    with pytest.raises(ValueError, match="must not replace an input file"):
         outputs_of(["run.yaml"], "a.npz")
-    with pytest.raises(ValueError, match="must not replace a file that is read"):
+    with pytest.raises(ValueError, match="must not replace an input file"):
         outputs_of(["run.yaml"], "run.yaml")
     with pytest.raises(ValueError, match="must lie outside of the folder 'data'"):
         outputs_of(["run.yaml"], "data/x.csv")
@@ -228,7 +226,7 @@ def test_what_a_configuration_names_is_read(tmp_path, monkeypatch):
     checkpoint = run / "checkpoints" / "last.ckpt"
     checkpoint.write_bytes(NOT_OURS)
     (run / "config.yaml").write_text("data: {path: a.npz}")
-    with pytest.raises(ValueError, match="must not replace a file that is read"):
+    with pytest.raises(ValueError, match="must not replace an input file"):
         outputs_of([checkpoint], "a.npz")
 
 

@@ -144,7 +144,7 @@ def test_rest_is_measured_at_the_beginning_of_a_recording(folder, capsys):
         assert float(row["p_hard"]) == pytest.approx(float(probability[1]), abs=1e-6)
     assert capsys.readouterr().err == ""
     assert main(["predict", "--adapt", "c.predictor", "trial_1.npz"]) == 0
-    assert "note: --adapt takes the mean of the whole recording" in capsys.readouterr().err
+    assert "note: --adapt uses the mean of the whole recording" in capsys.readouterr().err
     both = ["--adapt", "--rest", str(rest), "--no-picture"]
     assert main(["predict", *both, "c.predictor", "trial_1.npz"]) == 0
     assert capsys.readouterr().err == ""
@@ -159,7 +159,7 @@ def test_mistakes_are_one_line(folder, capsys):
     (folder / "notes.txt.zip").write_text("no recording")
     for arguments, text in (
         (["nothing", "trial_0.npz"], "there is no predictor or checkpoint 'nothing'"),
-        (["trial_0.npz", "trial_0.npz"], "'trial_0.npz' is no checkpoint that can be read here"),
+        (["trial_0.npz", "trial_0.npz"], "'trial_0.npz' cannot be read as a checkpoint"),
         (["a.predictor", "nothing.h5"], "nothing.h5"),
         (["a.predictor", "notes.txt.zip"], "must end in one of"),
         (["a.predictor", "three.npz"], "'three.npz': a recording on layout .* 4 taxels"),

@@ -59,7 +59,7 @@ def test_record_keeps_what_a_source_sends(whole, tmp_path, capsys, name):
     assert found.label == "mug"
     assert (found.tactile == whole.tactile).all()
     assert main(["record", source, str(path)]) == 1
-    assert "exists: give another name" in capsys.readouterr().err
+    assert "exists: choose another name" in capsys.readouterr().err
     assert main(["record", source, str(path), "--overwrite", "--seconds", "0.05"]) == 0
     assert read_recording(path).label is None
 
@@ -199,7 +199,7 @@ def test_replay_repairs(whole, tmp_path, capsys):
     assert "b.mcap: saved 1 tactile.Health" not in capsys.readouterr().err
     assert (read_recording(out, recover=False).tactile == whole.tactile).all()
     assert main(["replay", str(path), "--repair", str(path)]) == 1
-    assert "must not replace a file that is read" in capsys.readouterr().err
+    assert "must not replace an input file" in capsys.readouterr().err
 
 
 @pytest.mark.slow

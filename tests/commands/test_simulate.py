@@ -92,7 +92,9 @@ def test_run_goes_on_where_it_was(quick, capsys):
     assert "\n4 trials (2 from an earlier run), 4 attempts" in capsys.readouterr().out
     assert len(files(out)) == 5
     assert run("--seed", 1) == 1
-    error = f"tactile: error: '{out / 'plastic_tube_000.h5'}' was made with another 'seed' (0, not"
+    error = (
+        f"tactile: error: '{out / 'plastic_tube_000.h5'}' was written with another 'seed' (0, not"
+    )
     assert error in capsys.readouterr().err
 
 
@@ -111,7 +113,7 @@ def test_shapes_with_a_wide_spread(quick, capsys):
     assert summary["spread"]["lazy_finger"] == 0.3
     assert summary["preset"]["duration"] == 4.0
     assert run(*chosen[:-1], 5) == 1
-    assert "was made with another 'preset'" in capsys.readouterr().err
+    assert "was written with another 'preset'" in capsys.readouterr().err
 
 
 def test_squeezes(quick, capsys):

@@ -37,7 +37,7 @@ def test_seed_decides(tmp_path, capsys):
     assert json.loads((tmp_path / "simulation.json").read_text())["seed"] == 3
     capsys.readouterr()
     assert simulate(tmp_path, "--presses", "1") == 1
-    assert "its presses were made with another 'seed' (3, not 0)" in capsys.readouterr().err
+    assert "the presses were simulated with another 'seed' (3, not 0)" in capsys.readouterr().err
 
 
 def test_number_of_presses_by_the_paper(tmp_path, monkeypatch):

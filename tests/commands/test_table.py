@@ -71,7 +71,7 @@ def test_failed_runs_give_status_1_and_the_table_of_the_others(command, tmp_path
     [
         (
             ["--only", "mt_*"],
-            "'--only' must fit the name of an experiment of p2-table2: x_tac, x_pos",
+            "'--only' must match the name of an experiment of p2-table2: x_tac, x_pos",
         ),
         (["--phases", "fly"], "'--phases' must be some of ['hover', 'hold']"),
         (

@@ -253,7 +253,7 @@ def test_files_with_other_names(tmp_path):
     dataset = BiGS(tmp_path, fields=fields, until=None)
     assert np.array_equal(dataset.x[:60], readings(seed=0)["electrodes"])
     assert dataset.y.view(2, 60)[:, 0].tolist() == [0, 1]
-    with pytest.raises(ValueError, match=r"'fields' must have keys of"):
+    with pytest.raises(ValueError, match=r"'fields' must have keys among"):
         BiGS(tmp_path, fields={"taxels": "e"})
     with pytest.raises(ValueError, match=r"0.npz': 'electrodes' \(in 'e'\) must have 3 dimensions"):
         BiGS(tmp_path, fields={"electrodes": "e"})

@@ -65,7 +65,7 @@ def test_cells_that_change_are_taken(tmp_path):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"pressure": None}, "it must have one array 'pressure' of numbers or texts"),
+        ({"pressure": None}, "it must have one array 'pressure' of numbers or strings"),
         ({"pressure": np.zeros((12, 31, 32))}, r"frames of 32 x 32 \(got shape \(12, 31, 32\)\)"),
         ({"objects": np.zeros((1, 3))}, "'objects' must be a cell array of names"),
         ({"objectId": np.full((1, 12), 3)}, r"'objectId' must be .* one of 3 'objects' \(got 3"),

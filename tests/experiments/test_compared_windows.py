@@ -163,7 +163,7 @@ def test_rest_is_subtracted_before_cutting(tmp_path, cut):
         step["class_path"] for step in found.experiments[0].transform["init_args"]["transforms"]
     ]
     assert not any(step.endswith("Tare") for step in steps)
-    assert "rest readings of each trial were subtracted before" in describe_cut(found.data)
+    assert "the reading at rest of each trial was subtracted first" in describe_cut(found.data)
 
 
 def folder(path, frames=40):
@@ -302,8 +302,11 @@ def test_place_of_the_file_is_no_part_of_a_result(tmp_path):
     ("cut", "text"),
     [
         (None, ""),
-        ({"window": 9}, "A sample is a window of 9 frames, one after the other, with the label of"),
-        ({"window": 9, "hop": 2, "horizon": 3}, "one every 2, with the label of the frame 3 after"),
+        ({"window": 9}, "A sample is a window of 9 frames, without overlap, with the label of"),
+        (
+            {"window": 9, "hop": 2, "horizon": 3},
+            "one every 2 frames, with the label of the frame 3 frames after",
+        ),
         ({"trials": 20}, "A sample is a whole trial, resampled to 20 frames."),
     ],
 )
@@ -327,5 +330,6 @@ def test_what_is_left_out_is_said_once_and_on_the_page(tmp_path, caplog):
     assert caplog.text.count("1 of 12 trials are left out") == 1
     comparison = summarize(PlanRun(found, [], 0, {}, len(found.experiments)))
     assert (
-        "Left out: trials shorter than a window: 1; windows whose label is beyond their trial: 11."
+        "Left out: trials shorter than a window: 1; windows whose label lies beyond the end of "
+        "their trial: 11."
     ) in comparison_markdown(comparison)

@@ -200,7 +200,7 @@ def test_samples_without_trials_are_split_by_frame_with_a_word(tmp_path, caplog)
     with caplog.at_level(logging.WARNING):
         found = plan(tmp_path, trial=None)
     assert found.protocols[0].name == "by frame"
-    assert "the samples have no 'trial', and are split one by one" in caplog.text
+    assert "the samples have no 'trial' and are split one by one" in caplog.text
 
 
 def test_given_parts_are_one_split(tmp_path):
@@ -250,9 +250,7 @@ def test_persons_are_the_units_of_a_comparison_by_person(tmp_path, caplog):
 def test_named_units_in_both_parts_are_told_if_no_unit_is_chosen(tmp_path, caplog):
     person = np.arange(3).repeat(16)
     plan(tmp_path, ComparisonSettings(models=("constant",)), person=person)
-    assert (
-        "split by trial: the 3 values of 'person' are in the training and the test" in caplog.text
-    )
+    assert "split by trial: the 3 values of 'person' are in both the training and" in caplog.text
     caplog.clear()
     changes = {"person": np.arange(48) // 16, "group": np.arange(48) // 4}
     plan(tmp_path, ComparisonSettings(models=("constant",), by="trial"), **changes)
@@ -266,7 +264,7 @@ def test_named_units_in_both_parts_are_told_if_no_unit_is_chosen(tmp_path, caplo
         ({"metric": "accuracy"}, {"y": np.arange(48) / 7 + 0.1}, "'metric' must be 'mae' for num"),
         ({"by": "group"}, {}, r"'by' must be a unit that all samples have: 'trial' \(got 'group'"),
         ({"by": "given"}, {}, "'dataset' must have a 'part' for each sample with by='given'"),
-        ({}, {"trial": np.arange(48) % 2}, "at least 3 trials, to train, to choose and to test on"),
+        ({}, {"trial": np.arange(48) % 2}, "at least 3 trials, to train, to select and to test on"),
         ({}, {"y": np.zeros(48, int)}, "'y' must have at least 2 classes"),
     ],
 )
@@ -280,8 +278,16 @@ def test_data_that_cannot_be_compared_on_is_refused(tmp_path, settings, changes,
     [
         ({"data": "none.npz"}, FileNotFoundError, "'none.npz' does not exist"),
         ({"data": "none/of/these"}, FileNotFoundError, "give an npz file of samples, a folder of"),
-        ({"data": "Gloves"}, FileNotFoundError, "nor one of our data sets: AllegroUSkin"),
-        ({"data": "Gloves", "layout": "x.json"}, FileNotFoundError, "nor one of .*USkinPick$"),
+        (
+            {"data": "Gloves"},
+            FileNotFoundError,
+            "a folder or a data set of this package: AllegroUSkin",
+        ),
+        (
+            {"data": "Gloves", "layout": "x.json"},
+            FileNotFoundError,
+            "or a data set of this package: .*USkinPick$",
+        ),
         ({"data": "my.Gloves"}, ValueError, "'class_path' must be the import path of a class"),
         ({"data": __file__}, ValueError, "'data' must be an npz file, a folder or a class"),
         ({"data": "BioTacSP", "grid": "3x4"}, ValueError, "'grid' must be left out for a class"),
@@ -325,33 +331,33 @@ GOOD, FAIR, POOR = [1.0, 1.0, 1.0], [0.75, 0.75, 0.75], [0.25, 0.25, 0.25]
     [
         (
             {"gcn": GOOD, "fnn": POOR, "forest": [0.5] * 3, "constant": [0.3] * 3},
-            "Take gcn (accuracy 100.0 %): forest, the best plain model, is 50.0 points worse, "
+            "Use gcn (accuracy 100.0 %). The best plain model, forest, is 50.0 points worse, "
             "which is beyond the noise of ± ",
         ),
         (
             {"gcn": FAIR, "fnn": [0.75, 0.8, 0.69], "forest": POOR, "constant": [0.1] * 3},
-            "Take gcn (accuracy 75.0 %): fnn, the best plain model, is level with it. On trials",
+            "Use gcn (accuracy 75.0 %). The best plain model, fnn, has the same score. On trials",
         ),
         (
             {"gcn": POOR, "fnn": GOOD, "forest": FAIR, "constant": POOR},
-            "Take fnn (accuracy 100.0 %): gcn, the best graph model, is 75.0 points worse, which "
+            "Use fnn (accuracy 100.0 %). The best graph model, gcn, is 75.0 points worse, which "
             "is beyond the noise of ± ",
         ),
         (
             {"forest": FAIR, "fnn": GOOD, "constant": POOR},
-            "Take fnn (accuracy 100.0 %): forest, the next best model, is 25.0 points worse",
+            "Use fnn (accuracy 100.0 %). The next best model, forest, is 25.0 points worse",
         ),
-        ({"fnn": GOOD, "constant": POOR}, "Take fnn (accuracy 100.0 %); no other model has a sc"),
-        ({"gcn": GOOD}, "Take gcn (accuracy 100.0 %); no other model has a score."),
+        ({"fnn": GOOD, "constant": POOR}, "Use fnn (accuracy 100.0 %). No other model has a sc"),
+        ({"gcn": GOOD}, "Use gcn (accuracy 100.0 %). No other model has a score."),
         (
             {"gcn": POOR, "fnn": POOR, "constant": FAIR},
-            "Take none: no model is better than always answering '0' (25.0 %).",
+            "No model is recommended: none is better than always answering '0' (25.0 %).",
         ),
         (
             {"gcn": POOR, "fnn": [0.3, 0.6, 0.1], "constant": [0.25] * 3},
-            "Take none yet: fnn (accuracy 35.4 %), the best model, is within one standard error of "
-            "always answering '0' (25.0 %) (standard error 23.1 over 3 splits and 10.4 over 12 "
-            "trials). More trials would tell.",
+            "No model is recommended yet: the best model, fnn (accuracy 35.4 %), is within one "
+            "standard error of always answering '0' (25.0 %) (standard error 23.1 over 3 splits "
+            "and 10.4 over 12 trials). More trials are needed.",
         ),
         ({}, "No model has a result for every split yet"),
     ],
@@ -373,9 +379,9 @@ def test_the_model_that_is_ahead_is_taken_though_splits_are_few(tmp_path):
     assert recommended(comparison).model.name == "gcn"
     text = advice(comparison)
     assert text.startswith(
-        "Take gcn (accuracy 89.6 %): fnn, the best plain model, is 25.0 points worse. gcn is ahead "
-        "in 3 of 3 splits and in 12 trials against 0, but 3 splits cannot prove it beyond the "
-        "noise of ± "
+        "Use gcn (accuracy 89.6 %). The best plain model, fnn, is 25.0 points worse. gcn is better "
+        "in 3 of 3 splits and in 12 trials, and worse in 0. 3 splits cannot prove a difference "
+        "beyond the noise of ± "
     )
     assert "'--folds 10' could." in text
     more = made_up(plan(tmp_path, replace(THREE, folds=10), num_trials=48), parts_of_folds(parts))
@@ -404,10 +410,10 @@ def test_a_simpler_model_is_taken_if_it_is_about_as_good(tmp_path, sizes, tolera
     comparison = replace(comparison, tolerance=tolerance)
     assert recommended(comparison).model.name == name
     text = (
-        "Take fnn (accuracy 66.7 %), which is simpler than gcn, the best model, and about as good "
-        "(10 against 20 weights, 0.1 against 0.2 ms a sample): gcn, the best graph model, is 8.3 "
-        "points better. gcn is ahead in 1 of 3 splits and in 2 trials against 1, which is within "
-        "the noise of ± 150.0 (standard error 34.9 over 3 splits and "
+        "Use fnn (accuracy 66.7 %). It is simpler than gcn, the best model, and about as good "
+        "(10 instead of 20 weights, 0.1 instead of 0.2 ms per sample). The best graph model, gcn, "
+        "is 8.3 points better. gcn is better in 1 of 3 splits and in 2 trials, and worse in 1. The "
+        "difference is within the noise of ± 150.0 (standard error 34.9 over 3 splits and "
     )
     assert advice(comparison).startswith(text) is (name == "fnn")
 
@@ -438,9 +444,10 @@ def test_persons_are_the_units_where_they_are_new(tmp_path):
     text = advice(comparison)
     assert "gcn is not clearly better than" not in text
     assert text.endswith(
-        "Only 4 persons: others may give another choice. On persons that the model has never seen, "
-        "gcn is right in 75.0 % (4 persons, 50.0 to 100.0 % each; always answering '0' would give "
-        "33.3 %; the best of 2 models, chosen by these scores)."
+        "There are only 4 persons: with other persons, another model may be the best. On persons "
+        "that the model has never seen, gcn has an accuracy of 75.0 % (4 persons with 50.0 to "
+        "100.0 % each; always answering '0' scores 33.3 %; best of 2 models, selected by these "
+        "scores)."
     )
 
 
@@ -450,7 +457,7 @@ def test_persons_are_the_units_where_they_are_new(tmp_path):
 )
 def test_interval_of_a_score_is_between_0_and_100(tmp_path, right, low, high):
     text = advice(made_up(plan(tmp_path, THREE), {"gcn": right}))
-    found = re.search(r"\(12 trials, ([\d.]+) to ([\d.]+) % with 95 % confidence", text)
+    found = re.search(r"\(12 trials; 95 % confidence interval ([\d.]+) to ([\d.]+) %", text)
     assert found[1].startswith(low)
     assert found[2].startswith(high)
 
@@ -458,13 +465,13 @@ def test_interval_of_a_score_is_between_0_and_100(tmp_path, right, low, high):
 def test_one_given_part_has_a_verdict_by_its_units(tmp_path):
     found = plan(tmp_path, replace(THREE, by="given"), part=GIVEN)
     comparison = made_up(found, {"gcn": GOOD, "fnn": POOR, "constant": POOR})
-    assert "Take gcn (accuracy 100.0 %): fnn, the best plain model, is 75.0 points worse" in advice(
+    assert "Use gcn (accuracy 100.0 %). The best plain model, fnn, is 75.0 points worse" in advice(
         comparison
     )
-    assert "Only 3 trials" in advice(comparison)
+    assert "There are only 3 trials" in advice(comparison)
     page = comparison_markdown(comparison)
     assert "| +75.0 | ± " in page
-    assert "no verdict on fewer than 3 splits (unless all test on one given part)" in page
+    assert "no verdict with fewer than 3 splits (unless all share one given test part)" in page
 
 
 def with_test_part(folder, num_train, num_test):
@@ -536,13 +543,13 @@ def test_nothing_is_recommended_where_given_parts_share_trials(tmp_path):
     comparison = made_up(found, {"gcn": GOOD, "fnn": POOR, "constant": POOR})
     assert recommended(comparison) is None
     assert advice(comparison) == (
-        "Take none: 12 trials of the test part are in the training part too, so the scores say "
-        "nothing about new trials. Put each trial into one part, or split by trial."
+        "No model is recommended: 12 trials of the test part are also in the training part, so the "
+        "scores say nothing about new trials. Put each trial into one part, or split by trial."
     )
     by_frame = made_up(plan(tmp_path, replace(THREE, by="frame")), {"gcn": GOOD, "fnn": POOR})
     assert recommended(by_frame).model.name == "gcn"
-    assert "12 trials are in the training and the test part of a split" in advice(by_frame)
-    assert "On samples of trials that the model has seen, gcn is right in" in advice(by_frame)
+    assert "12 trials are in both the training and the test part of a split" in advice(by_frame)
+    assert "On samples from trials that the model has seen, gcn has an acc" in advice(by_frame)
 
 
 MANY_GIVEN = np.repeat([0, 1, 2], [48, 48, 96])  # 48 trials
@@ -563,12 +570,13 @@ def test_the_model_of_given_parts_is_chosen_by_validation_scores(tmp_path):
     assert recommended(comparison).model.name == "gcn"
     text = advice(comparison)
     assert text.startswith(
-        "Take gcn (accuracy 80.2 %, 89.6 % on validation parts): fnn, the best plain model, is 5.2 "
-        "points better. fnn is ahead in 2 trials against 0, but within the noise of ± "
+        "Use gcn (accuracy 80.2 %, 89.6 % on validation parts). The best plain model, fnn, is 5.2 "
+        "points better. fnn is better in 2 trials, and worse in 0. The difference is within the "
+        "noise of ± "
     )
     assert "split" not in text
     assert "disagree" not in text
-    assert "the best of 3 models, chosen by validation scores; one training, and" in text
+    assert "best of 3 models, selected by validation scores; one training run; another" in text
     content = to_dict(comparison)
     assert (content["chosen_by"], content["num_splits"]) == ("validation", 1)
     assert content["models"][0]["validation"] == pytest.approx(43 / 48)
@@ -576,7 +584,7 @@ def test_the_model_of_given_parts_is_chosen_by_validation_scores(tmp_path):
     assert "| model | kind | accuracy (%) |" in page
     assert "| validation accuracy (%) |" in page
     assert "| gcn | graph | 80.2 | 80.2 | 50.0 | 89.6 |" in page
-    assert "over the splits" not in page.partition("## Chosen")[0].partition("A difference is")[0]
+    assert "over the splits" not in page.partition("## Sel")[0].partition("A difference is")[0]
     assert comparison_csv(comparison).splitlines()[1].endswith(",0.8958333333333334,")
     assert deploy(comparison, "forest").score.sd is None
 
@@ -586,8 +594,8 @@ def test_test_part_that_proves_the_opposite_of_validation_parts_is_told(tmp_path
     comparison = given(tmp_path, parts, {"gcn": 0.5, "fnn": 0.8, "forest": 0.5})
     assert recommended(comparison).model.name == "fnn"
     assert (
-        "The validation parts and the test part disagree: on the test part gcn is 34.4 points "
-        "better than fnn, beyond the noise. Test both on new trials."
+        "Validation and test scores disagree: on the test part, gcn is 34.4 points better than "
+        "fnn, beyond the noise. Test both on new trials."
     ) in advice(comparison)
 
 
@@ -595,7 +603,7 @@ def test_model_that_is_worse_than_the_constant_answer_on_the_test_part_is_not_ta
     parts = {"gcn": [0.05], "fnn": [0.05], "forest": [0.0]}
     comparison = given(tmp_path, parts, {"gcn": 0.9, "fnn": 0.8, "forest": 0.5})
     assert recommended(comparison) is None
-    assert "gcn (accuracy 5.2 %, 89.6 % on validation parts), the best model, is worse on the " in (
+    assert "model, gcn (accuracy 5.2 %, 89.6 % on validation parts), is worse on the test" in (
         advice(comparison)
     )
 
@@ -621,7 +629,7 @@ def test_runs_without_validation_scores_are_chosen_by_test_scores(tmp_path):
     comparison = made_up(found, {"gcn": [0.8], "fnn": [0.85], **POOR_FLOOR})
     assert not comparison.is_validated
     assert recommended(comparison).model.name == "fnn"
-    assert "chosen by these scores" in advice(comparison)
+    assert "selected by these scores" in advice(comparison)
     with pytest.raises(ValueError, match=r"'gcn' must have a validation score \(got none\)"):
         comparison.validation_difference("gcn", "fnn")
 
@@ -636,11 +644,11 @@ def test_seeds_of_given_parts_are_one_split(tmp_path):
     assert (three.num_splits, three.num_seeds) == (1, 3)
     text = advice(three)
     assert "over 24 trials and 0.0 over 3 seeds)" in text
-    assert "the mean of 3 trainings" in text
+    assert "mean of 3 training runs" in text
     page = comparison_markdown(three)
-    assert "1 split. Mean ± standard deviation over 3 seeds of the training." in page
-    assert "| to fnn (points) | over seeds | over trials |" in page
-    assert "| to fnn (points) | over trials | parameters |" in comparison_markdown(one)
+    assert "1 split. Mean ± standard deviation over 3 training seeds." in page
+    assert "| vs fnn (points) | over seeds | over trials |" in page
+    assert "| vs fnn (points) | over trials | parameters |" in comparison_markdown(one)
     assert ",accuracy,0.8958333333333334,0.0,1," in comparison_csv(three)
 
 
@@ -667,7 +675,7 @@ def test_trials_in_both_parts_are_told_though_most_persons_are_new(tmp_path):
     units = ScoreUnits.from_splits(found.data.load(), comparison_splits(found))
     assert (units.num_seen, units.num_leaked) == (1, 1)
     comparison = made_up(found, {"gcn": [1.0], "fnn": [0.2], "constant": [0.2]})
-    assert advice(comparison).startswith("Take none: 1 trial of the test part is in the training")
+    assert advice(comparison).startswith("No model is recommended: 1 trial of the test part is")
 
 
 def test_page_without_a_plain_model_compares_with_none(tmp_path):
@@ -768,7 +776,7 @@ def test_estimate_of_a_forest_compares_settings_with_fewer_trees(tmp_path, monke
 def test_run_of_a_table_is_no_comparison(tmp_path):
     found = plan(tmp_path, THREE)
     plain = replace(found, experiments=tuple(replace(e, choice=None) for e in found.experiments))
-    with pytest.raises(ValueError, match="'run' must be of a comparison"):
+    with pytest.raises(ValueError, match="'run' must be the run of a comparison"):
         summarize(PlanRun(plain, [], 0, {}, 0))
 
 
@@ -783,7 +791,9 @@ def test_models_of_ones_own_stand_behind_ours(tmp_path):
 
 
 def test_import_path_of_no_model(tmp_path):
-    with pytest.raises(ValueError, match=r"import paths of your own \(got 'own_models\.Not'"):
+    with pytest.raises(
+        ValueError, match=r"import paths of your own models \(got 'own_models\.Not'"
+    ):
         plan(tmp_path, ComparisonSettings(models=("own_models.Not",), folds=3))
 
 

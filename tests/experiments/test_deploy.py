@@ -52,7 +52,7 @@ def touched(tmp_path_factory):
 
 def test_the_recommended_model_is_taken(touched, tmp_path):
     best = recommended(touched)
-    assert advice(touched).startswith(f"Take {best.model.name} (")
+    assert advice(touched).startswith(f"Use {best.model.name} (")
     predictor = deploy(touched)
     score = predictor.score
     assert (score.model, score.metric, score.num_splits) == (best.model.name, "accuracy", 3)
@@ -116,7 +116,7 @@ def test_none_is_recommended_where_nothing_was_learnt(tmp_path):
     comparison = compared(tmp_path, ("svm_linear", "constant"), **noise)
     assert recommended(comparison) is None
     with pytest.raises(
-        ValueError, match=r"'name' must be the name of a model, since none is recommended: Take n"
+        ValueError, match=r"'name' must be the name of a model \(got none\). No model is rec"
     ):
         deploy(comparison)
     assert deploy(comparison, "svm_linear").score.model == "svm_linear"
@@ -157,7 +157,7 @@ def test_the_test_part_of_given_parts_stays_unseen(tmp_path):
     part = {"part": GIVEN, "by": "given"}
     comparison = compared(tmp_path, ("forest",), **part)
     predictor = deploy(comparison)
-    told = "the 36 samples of the parts to train and choose on"
+    told = "the 36 samples of the training and validation parts"
     assert predictor.score.trained_on == told
     known = comparison.run.plan.data.load()[torch.from_numpy(np.flatnonzero(GIVEN < 2))]
     scaler = predictor.transform.transforms[0]

@@ -213,5 +213,5 @@ def test_one_rule_for_the_noise(mean, over_splits, over_trials, counts, verdict)
 
 
 def test_other_samples_are_refused():
-    with pytest.raises(ValueError, match="'second' must be of the same samples as 'first'"):
+    with pytest.raises(ValueError, match="'second' must have the same samples as 'first'"):
         paired_difference([said(1, 1, 1, 1)], [said(1, 1, 1, 1, y=1 - Y)], "accuracy")

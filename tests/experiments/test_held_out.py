@@ -110,7 +110,7 @@ PERSONS = np.repeat(["ann", "bo", "cy", "di"], 12)
 @pytest.mark.parametrize(
     ("changes", "by", "message"),
     [
-        ({"group": PERSONS}, "group", "are split by group (4 of them): the scores are for a new"),
+        ({"group": PERSONS}, "group", "are split by group (4 of them): the scores hold for a new"),
         (
             {"group": PERSONS, "y": np.arange(48) / 7},
             "group",
@@ -119,13 +119,13 @@ PERSONS = np.repeat(["ann", "bo", "cy", "di"], 12)
         (
             {"group": PERSONS == "ann"},
             "frame",
-            "since 3 groups or more are needed to split by group (got 2): if several",
+            "since at least 3 groups are needed to split by group (got 2): if several",
         ),
         ({"group": PERSONS == "ann"}, "frame", "('--by group' holds out whole groups)"),
         (
             {"group": PERSONS, "y": PERSONS},  # objects that are the classes
             "frame",
-            "since 4 of 4 classes are in one group only, and cannot be learned: if several",
+            "since 4 of 4 classes are in a single group and cannot be learned: if several",
         ),
         ({"session": PERSONS}, "frame", "('--by session' holds out whole sessions)"),
         ({}, "frame", "too high for a new touch"),
@@ -136,14 +136,18 @@ def test_samples_without_trials_are_split_by_group_if_there_are_several(
 ):
     found = dataset(tmp_path, trial=None, **changes)
     assert compared_protocol(found, None, 5).by == by
-    assert "the samples have no 'trial', and are split" in caplog.text
+    assert "the samples have no 'trial' and are split" in caplog.text
     assert message in caplog.text
 
 
 @pytest.mark.parametrize(
     ("changes", "by", "match"),
     [
-        ({"trial": np.arange(48) % 2}, "trial", r"3 trials, .* \(got 2\); compare by frame, a"),
+        (
+            {"trial": np.arange(48) % 2},
+            "trial",
+            r"3 trials, .* \(got 2\); compare by frame, which is a weaker",
+        ),
         ({"group": np.arange(48) % 2}, "group", r"3 groups, .* compare by trial or by frame"),
         ({"trial": None}, "trial", "'by' must be a unit that all samples have: none"),
     ],

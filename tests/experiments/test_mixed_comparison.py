@@ -79,9 +79,9 @@ def test_all_that_run_are_compared_if_none_is_named():
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        ("taxel_net", "it is a model of one layout, and the samples, which have 30 to 60 taxels,"),
-        ("forest", "it is a model of one layout"),
-        ("own_models.neighbours", "it takes rows of readings of one sensor"),
+        ("taxel_net", "it needs one layout, and the samples, which have 30 to 60 taxels,"),
+        ("forest", "it needs one layout"),
+        ("own_models.neighbours", "it reads rows of readings from one sensor"),
         ("own_models.Ring", r"it is not called as forward\(x, edge_index, batch\)"),
     ],
 )
@@ -93,18 +93,16 @@ def test_models_of_one_layout_are_refused(name, reason):
 
 
 def test_what_needs_one_layout_is_refused(mixed):
-    with pytest.raises(ValueError, match="a predictor is of one layout, and the samples"):
+    with pytest.raises(ValueError, match="a predictor needs one layout, and the samples"):
         deploy(summarize(mixed), ATTENTION)
     source = data_source("mixed_sensors.gloves", arguments={})
     tare = {"key": "trial", "first": 2}
-    with pytest.raises(ValueError, match=r"must be left out for samples of different sensors"):
+    with pytest.raises(ValueError, match=r"must be left out for samples from different sensors"):
         comparison_plan(source, settings("constant", tare=tare))
     windows = data_source("mixed_sensors.gloves", arguments={}, cut=FrameCut(window=2))
-    with pytest.raises(ValueError, match=r"cut from a StaticDataset of frames.*\(got list\)"):
+    with pytest.raises(ValueError, match=r"cut only from a StaticDataset of frames.*\(got list\)"):
         comparison_plan(windows, settings("constant"))
-    with pytest.raises(
-        ValueError, match=r"'class_path' must be a StaticDataset, or a data set of PyG"
-    ):
+    with pytest.raises(ValueError, match=r"'class_path' must be a StaticDataset or a PyG data set"):
         comparison_plan(data_source("mixed_sensors.texts", arguments={}), settings("constant"))
 
 
@@ -172,7 +170,7 @@ def test_network_of_pyg_is_saved_and_read_with_one_network_given(static, tmp_pat
     assert again(x).equal(predictor(x))
     torch.testing.assert_close(torch.stack([again(one) for one in x[:4]]), predictor(x[:4]))
     assert float((predictor(x).argmax(dim=1) == presses().y).float().mean()) > 0.8
-    with pytest.raises(ValueError, match="the file has the weights of a Attention"):
+    with pytest.raises(ValueError, match="your model 'Attention"):
         Predictor.load(tmp_path / "own.predictor")
-    with pytest.raises(ValueError, match=r"'model' must be a AverageModel \(got Linear\)"):
+    with pytest.raises(ValueError, match=r"'model' must be of class AverageModel \(got Linear\)"):
         Predictor.load(tmp_path / "own.predictor", model=torch.nn.Linear(1, 2))

@@ -130,6 +130,6 @@ def test_more_classes_than_the_models_know(grasps):
         data=DataSource("torch_geometric_tactile.datasets.AllegroUSkin", {"split": None}),
         protocols=(TableProtocol("by frame", Protocol("frame")),),
     )
-    message = r"the models of mine tell 2 classes apart \(got 3 in"
+    message = r"the models of mine distinguish 2 classes \(got 3 in"
     with pytest.raises(ValueError, match=message):
         make_plan(table, data={"root": str(grasps)})

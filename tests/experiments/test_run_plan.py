@@ -164,7 +164,7 @@ def test_damaged_run_is_named(changed_run, content):
         (
             "identity",
             lambda identity: identity.update(epochs=2),
-            "is the file of another",
+            "belongs to another",
         ),
     ],
 )
@@ -193,6 +193,8 @@ def test_fewer_jobs_than_one(grasps, tmp_path):
 
 
 def test_pattern_that_fits_nothing_is_found_before_training(grasps, tmp_path, trained):
-    with pytest.raises(ValueError, match="'only' must fit the name of an experiment of p2-table2"):
+    with pytest.raises(
+        ValueError, match="'only' must match the name of an experiment of p2-table2"
+    ):
         run_table("p2-table2", grasps, tmp_path, only=["gcn_t"])
     assert not trained

@@ -64,9 +64,9 @@ def test_one_sample_is_drawn_of_very_few():
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"count": 1}, r"'count' of draws must be a whole number from 2 on \(got 1\)"),
+        ({"count": 1}, r"'count' of draws must be a whole number of at least 2 \(got 1\)"),
         ({"count": 2.5}, r"'count' of draws must be a whole number .*\(got 2.5\)"),
-        ({"seed": -1}, r"'seed' of draws must be a whole number from 0 on \(got -1\)"),
+        ({"seed": -1}, r"'seed' of draws must be a whole number of at least 0 \(got -1\)"),
         ({"part": 0.0}, r"'part' of draws must be between 0 and 1 \(got 0.0\)"),
         ({"part": 1.0}, r"'part' of draws must be between 0 and 1 \(got 1.0\)"),
         ({"part": "half"}, r"'part' of draws must be between 0 and 1 \(got 'half'\)"),

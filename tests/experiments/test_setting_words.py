@@ -70,11 +70,11 @@ SCALED = step("ZScore", scale_per="channel", with_mean=False)
         ({"transform": chain(step("SquareRoot"), SCALED)}, "square roots of the readings"),
         (
             {"init_args": {"C": 10.0}, "transform": chain(step("NormalizeRMS"), SCALED)},
-            "C = 10, readings in units of their size (RMS)",
+            "C = 10, readings divided by their RMS",
         ),
         (
             {"transform": chain(step("ZScore", scale_per="channel"))},
-            "less the mean of the training part",
+            "mean of the training part subtracted",
         ),
         ({"transform": chain()}, "without scaling"),
         ({"model": {"init_args": {"pool": "mean"}}}, "the mean over the frames"),
@@ -101,8 +101,6 @@ def test_page_of_a_comparison_says_how_often_each_was_chosen(tmp_path):
     svm, constant = comparison.results
     chosen = tuple({"setting": tried[number]} for number in (0, -1, -1))
     page = comparison_markdown(replace(comparison, results=(replace(svm, chosen=chosen), constant)))
-    both = (
-        "C = 1, kernel width 1; C = 10, kernel width 1, readings in units of their size (RMS) (2 x)"
-    )
+    both = "C = 1, kernel width 1; C = 10, kernel width 1, readings divided by their RMS (2 x)"
     assert f"| {both} |" in page
     assert "| the default (3 x) |" in page

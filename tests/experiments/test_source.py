@@ -44,7 +44,7 @@ def test_own_class_in_memory(monkeypatch):
     monkeypatch.setitem(sys.modules, "my_glove", module)
     source, facts = DataSource("my_glove.OwnDataset").resolve()
     assert (facts.num_samples, facts.num_trials, facts.num_classes) == (6, 0, 2)
-    assert (source.kind, source.caption) == ("ours", "Recordings of your own: 6 samples.")
+    assert (source.kind, source.caption) == ("ours", "Your own recordings: 6 samples.")
     train, test = source.parts(Protocol("frame", folds=3), 0, 2)
     assert (len(train), len(test)) == (4, 2)
     again, _ = DataSource("my_glove.OwnDataset").resolve()

@@ -39,6 +39,6 @@ def test_killed_process_is_explained(of_grasps, monkeypatch):
 
     monkeypatch.setattr(worker, "_Process", killed)
     assert run_in_process(of_grasps()) == {
-        "error": "its process was killed, perhaps for lack of memory"
+        "error": "its process was killed, possibly for lack of memory"
     }
     close_process()

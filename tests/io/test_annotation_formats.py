@@ -100,7 +100,7 @@ def test_an_hdf5_file_whose_annotations_are_changed_is_refused(tmp_path):
                 del file.attrs["annotations"]
             else:
                 file.attrs["annotations"] = '[[1, 3, "slip"]]'
-        with pytest.raises(ValueError, match="arrays of its checksum"):
+        with pytest.raises(ValueError, match="must match its checksum"):
             read_recording(tmp_path / "a.h5")
 
 

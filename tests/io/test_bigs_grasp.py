@@ -170,24 +170,24 @@ def test_truth_values(outcome, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"success": 2}, r"'success' must be a truth value, 0 or 1, .* \(got 2\)"),
-        ({"success": "maybe"}, r"'success' must be a truth value, .* \(got 'maybe'\)"),
+        ({"success": 2}, r"'success' must be a truth value \(0, 1, .* \(got 2\)"),
+        ({"success": "maybe"}, r"'success' must be a truth value .* \(got 'maybe'\)"),
         ({"success": [0, 1]}, r"'success' must be one value \(got shape \(2,\)\)"),
         (
             {"success": None},
-            r"'success' must be there \(got a file with 'electrodes', .*--field suc",
+            r"'success' must be in the file \(got only 'electrodes', .*--field suc",
         ),
-        ({"object": 3}, r"'object' must be a text \(got 3\)"),
+        ({"object": 3}, r"'object' must be a string \(got 3\)"),
         ({"object": ""}, r"'object' must not be empty"),
         ({"trial": 1.5}, r"'trial' must be an integer \(got 1.5\)"),
         (
             {"pickup_time": 9.0},
-            r"'pickup_time' must be a time of the grasp.* 5.0 to 5.59 s \(got 9",
+            r"'pickup_time' must be a time during the grasp.* 5.0 to 5.59 s \(got 9",
         ),
-        ({"electrodes": None}, r"'electrodes' must be there .*--field electrodes=NAME"),
+        ({"electrodes": None}, r"'electrodes' must be in the file .*--field electrodes=NAME"),
         (
             {"electrodes": None, "format": "tactile recording"},
-            r"'electrodes' must be there .*: a file in the neutral form needs no",
+            r"'electrodes' must be in the file .*: this file needs no",
         ),
         ({"electrodes": np.zeros((60, 24, 3))}, r"'electrodes' must have 19 rows of 'electrode'"),
         ({"electrodes": np.zeros((60, 57))}, r"must have 3 dimensions, .*NAME \[frame \(elec"),
@@ -234,19 +234,19 @@ def test_unequal_lengths_of_what_is_flat(tmp_path):
 @pytest.mark.parametrize("name", ["bio/elec", "bio/stamp", "p2", "pose", "outcome", "phase"])
 def test_a_field_that_was_named_must_be_there(name, tmp_path):
     path = write_npz(tmp_path / "box-1.npz", foreign(readings(), **{name: None}))
-    with pytest.raises(ValueError, match=r"box-1.npz': '.*' (\(in '.*'\) )?must be there"):
+    with pytest.raises(ValueError, match=r"box-1.npz': '.*' (\(in '.*'\) )?must be in the file"):
         read_bigs(path, FOREIGN)
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"fields": {"electrode": "a"}}, r"'fields' must have keys of .* \(got 'electrode'\)"),
+        ({"fields": {"electrode": "a"}}, r"'fields' must have keys among .* \(got 'electrode'\)"),
         ({"fields": ["a"]}, r"'fields' must be a mapping \(got list\)"),
         ({"fields": {"time": "a | b | c"}}, r"'time' must have one name, since it has no finger"),
         ({"fields": {"success": "s [frame]"}}, r"order of 'success' must name"),
         ({"fields": {"pac": "p [frame finger]"}}, r"order of 'pac' must name frame, finger, step"),
-        ({"values": {"object": ["a"]}}, r"'object' in 'values' must be a text or a number"),
+        ({"values": {"object": ["a"]}}, r"'object' in 'values' must be a string or a number"),
         (
             {"fields": {"object": "a"}, "values": {"object": "b"}},
             r"in 'fields' or in 'values' \(got b",
@@ -257,10 +257,13 @@ def test_a_field_that_was_named_must_be_there(name, tmp_path):
         ({"angle_unit": "grad"}, r"'angle_unit' must be one of"),
         ({"length_unit": "in"}, r"'length_unit' must be one of"),
         ({"quaternion": "zyxw"}, r"'quaternion' must be one of"),
-        ({"fingers": "left right"}, r"'fingers' must be 'left', 'middle' and 'right' in their"),
+        ({"fingers": "left right"}, r"'fingers' must be an order of 'left', 'middle' and 'right'"),
         ({"pattern": "("}, r"'pattern' must be a regular expression"),
-        ({"pattern": "(?P<item>.+)"}, r"'pattern' must have groups of .*'object'.*\(got 'item'\)"),
-        ({"ends_after_pickup": -1.0}, r"'ends_after_pickup' must be a number of seconds of at"),
+        (
+            {"pattern": "(?P<item>.+)"},
+            r"'pattern' must have groups among .*'object'.*\(got 'item'\)",
+        ),
+        ({"ends_after_pickup": -1.0}, r"'ends_after_pickup' must be at least 0 seconds"),
     ],
 )
 def test_format_refuses(given, message):

@@ -45,7 +45,7 @@ def test_texts_of_an_attribute_take_no_more_memory_than_arrays(file, monkeypatch
     monkeypatch.setattr("torch_geometric_tactile.io._field_file.ARRAY_BYTES", 4 * 10 * 3)
     assert read_fields(path, ["@words"]).arrays["@words"].tolist() == ["a" * 10, "b", "c"]
     monkeypatch.setattr("torch_geometric_tactile.io._field_file.ARRAY_BYTES", 4 * 10 * 3 - 1)
-    with pytest.raises(ValueError, match=r"a.h5' must hold short texts in '@words'"):
+    with pytest.raises(ValueError, match=r"a.h5' must hold short strings in '@words'"):
         read_fields(path, ["@words"])
 
 

@@ -84,7 +84,7 @@ def test_labels_are_texts_or_whole_numbers_and_empty_cells_tell_nothing(tmp_path
     ("text", "message"),
     [
         ("file,label\na,x\n", "must have the column 'recording'"),
-        ("recording,label\na,x\na,y\n", "line 3 must not name a recording again (got 'a')"),
+        ("recording,label\na,x\na,y\n", "line 3 must not repeat a recording (got 'a')"),
         ("recording,label\n", "must have a line for at least one recording"),
     ],
 )

@@ -50,7 +50,7 @@ def test_ones_for_zeros_are_noticed_where_fletcher_32_takes_them_for_the_same(tm
     path.write_bytes(content)
     with h5py.File(path) as file:
         assert file["tactile"][1].tobytes()[:2] == b"\xff\xff"  # HDF5 itself does not notice
-    with pytest.raises(ValueError, match=r"a.h5' must hold the frames of its checksums"):
+    with pytest.raises(ValueError, match=r"a.h5' must match the checksums of its frames"):
         read_hdf5(path)
 
 
@@ -91,7 +91,7 @@ def test_damaged_checksums_are_refused_and_missing_ones_too(tmp_path):
     write_hdf5(WIDE, path)
     with h5py.File(path, "r+") as file:
         file["checksums"][7] += 1
-    with pytest.raises(ValueError, match=r"a.h5' must hold .* from frame 7 on, 1 in total"):
+    with pytest.raises(ValueError, match=r"a.h5' must match .* from frame 7 on, 1 in total"):
         read_hdf5(path)
     with h5py.File(path, "r+") as file:
         del file["checksums"]
@@ -114,7 +114,7 @@ def test_checksums_are_compared_whatever_the_version_says(tmp_path):
     write_hdf5(WIDE, path)
     with h5py.File(path, "r+") as file:
         file.attrs["version"] = 1
-    with pytest.raises(ValueError, match=r"a.h5' must hold the label, .* of its checksum"):
+    with pytest.raises(ValueError, match=r"a.h5' must match its checksum \(got another label"):
         read_hdf5(path)
     with h5py.File(path, "r+") as file:
         del file.attrs["checksum"]

@@ -80,14 +80,14 @@ def lzf(file, name):
         (link(h5py.SoftLink("/time")), r"'tactile' itself \(got a SoftLink"),
         (virtual, r"'tactile' itself \(got a virtual or external array"),
         (external, r"'tactile' itself \(got a virtual or external array"),
-        (named_type, r"numbers, truth values or texts in 'tactile' \(got a named type\)"),
+        (named_type, r"numbers, booleans or strings in 'tactile' \(got a named type\)"),
         (lambda f, n: f.create_group(n), r"must hold an array in 'tactile' \(got <HDF5 group"),
         (lambda f, n: f.__setitem__(n, np.dtype("f4")), r"must hold an array in 'tactile'"),
         (h5py.Empty("f4"), r"must hold an array in 'tactile'"),
-        (np.zeros((1, 4, 3), complex), r"numbers, truth values or texts in 'tactile'"),
-        (np.zeros((1, 4, 3), np.longdouble), r"numbers, truth values or texts in 'tactile'"),
-        (np.zeros((1, 4, 3), [("a", "f4")]), r"numbers, truth values or texts in 'tactile'"),
-        (np.zeros((1, 4, 3), "V4"), r"numbers, truth values or texts in 'tactile'"),
+        (np.zeros((1, 4, 3), complex), r"numbers, booleans or strings in 'tactile'"),
+        (np.zeros((1, 4, 3), np.longdouble), r"numbers, booleans or strings in 'tactile'"),
+        (np.zeros((1, 4, 3), [("a", "f4")]), r"numbers, booleans or strings in 'tactile'"),
+        (np.zeros((1, 4, 3), "V4"), r"numbers, booleans or strings in 'tactile'"),
         (lzf, r"by gzip or not at all \(got the filter 32000 in 'tactile'\)"),
     ],
 )
@@ -124,7 +124,7 @@ def test_num_frames_must_be_an_integer(value, path):
 def test_texts_must_be_texts(name, value, path):
     with h5py.File(path, "r+") as file:
         file.attrs[name] = value
-    refuses(path, rf"must hold one text in '{name}'")
+    refuses(path, rf"must hold one string in '{name}'")
 
 
 @pytest.mark.parametrize(
@@ -134,13 +134,13 @@ def test_texts_must_be_texts(name, value, path):
 def test_attributes_must_fit_their_checksum(name, value, path):
     with h5py.File(path, "r+") as file:
         file.attrs[name] = value
-    refuses(path, r"label, metadata and arrays of its checksum")
+    refuses(path, r"must match its checksum")
 
 
 def test_arrays_must_be_those_of_the_checksum(path):
     with h5py.File(path, "r+") as file:
         del file["privileged/p"]
-    refuses(path, r"label, metadata and arrays of its checksum")
+    refuses(path, r"must match its checksum")
 
 
 def test_version_2_must_have_checksums(path):
@@ -214,5 +214,5 @@ def test_many_long_texts_of_version_1_are_bounded(make):
         **{"privileged/word": texts},
     )
     assert read_hdf5(path).privileged["word"][49] == "x" * 100_000
-    with pytest.raises(ValueError, match=r"b.h5' .*texts must take no more than 1000000 bytes"):
+    with pytest.raises(ValueError, match=r"b.h5' .*strings must take no more than 1000000 bytes"):
         read_hdf5(path, max_bytes=1_000_000)

@@ -91,14 +91,14 @@ def test_a_wildcard_leaves_out_stored_frames(tmp_path):
             {"tactile": [LEFT, RIGHT]},
             f"'{LEFT}' and '{RIGHT}' of .* same number of channels .* .got 1 and 3.: name one of",
         ),
-        ({"tactile": [LEFT, RIGHT], "state": RIGHT}, "other features than the joint angles .got"),
+        ({"tactile": [LEFT, RIGHT], "state": RIGHT}, "must not include the joint angles .got"),
         (
             {"tactile": [LEFT, RIGHT], "every_frame": True},
             r"'tactile' must be one feature with every_frame \(got 2\)$",
         ),
         (
             {"tactile": [LEFT, RIGHT], "action": LEFT, "num_channels": 1},
-            "'action' must be another feature than readings",
+            "'action' must not be the feature of readings",
         ),
     ],
 )
@@ -139,7 +139,7 @@ def test_touch_is_added_where_an_episode_was_deleted(tmp_path):
     write_without_touch(ramps(), tmp_path / "set", fps=10)
     delete_episode(tmp_path / "set", 1)
     short, long = ramps(label="mug")[::2]
-    with pytest.raises(ValueError, match=r"recording 1 must reach .*, as episode 2 does"):
+    with pytest.raises(ValueError, match=r"recording 1 must cover .*, as episode 2 does"):
         add_to_lerobot(tmp_path / "set", [long, short], tmp_path / "copy")
     add_to_lerobot(tmp_path / "set", [short, long], tmp_path / "copy")
     found = read_lerobot(tmp_path / "copy")
@@ -169,7 +169,7 @@ def test_statistics_of_episodes_without_data_are_refused(tmp_path):
     episodes = pq.read_table(tmp_path / "set/meta/episodes/chunk-000/file-000.parquet")
     delete_episode(tmp_path / "set", 1)
     pq.write_table(episodes, tmp_path / "set/meta/episodes/chunk-000/file-000.parquet")
-    with pytest.raises(ValueError, match=r"must hold episodes of the data \(got 1\)"):
+    with pytest.raises(ValueError, match=r"must list only episodes in the data files \(got 1\)"):
         add_to_lerobot(tmp_path / "set", ramps()[::2], tmp_path / "copy")
 
 

@@ -338,7 +338,7 @@ def test_actions_of_others_are_read_if_they_are_lists_of_numbers(tmp_path, caplo
     path.write_text(json.dumps(info))
     assert read_lerobot(tmp_path / "a")[0].meta["action_names"] == ["x", "y", "z"]
     assert read_lerobot(tmp_path / "a", action="none")[0].action is None
-    with pytest.raises(ValueError, match="'action' must be another feature than readings, state"):
+    with pytest.raises(ValueError, match="'action' must not be the feature of readings, state"):
         read_lerobot(tmp_path / "a", action="observation.tactile")
     info["features"]["action"]["shape"] = [3, 1]
     path.write_text(json.dumps(info))

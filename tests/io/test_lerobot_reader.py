@@ -122,7 +122,7 @@ def test_names_have_the_shape_where_another_program_left_out_our_file(root):
         ("episode_index", [1] * 6 + [0] * 4, "the length 6 of episode 1 .got 4"),
         ("episode_index", [0] * 6 + [5] * 4, r"must hold episode 5 .got 0, 1.: remove it if"),
         ("episode_index", [0] * 10, "'frame_index' must be 6 .got 0"),
-        ("task_index", [7] * 10, "tasks of 'meta/tasks.parquet' .got 7"),
+        ("task_index", [7] * 10, "tasks in 'meta/tasks.parquet' .got 7"),
         ("timestamp", [100.0 * (i % 6) for i in range(10)], "advance by 0.1 s .got 100"),
         ("observation.state", [["a", "b"]] * 10, "must hold numbers in 'observation.state'"),
     ],
@@ -260,7 +260,7 @@ def test_data_that_unpack_to_far_more_are_refused_before_memory(root, unread):
 
 def test_lists_of_other_lengths_are_counted_before_memory(root, unread):
     put(root / DATA, "observation.tactile", [[0.0] * 1_000_000] + [[0.0] * 6] * 9)
-    with pytest.raises(ValueError, match=r"6 numbers in 'observation.tactile' a row.*got 1000054"):
+    with pytest.raises(ValueError, match=r"6 numbers in 'observation.tactile' per row.*1000054"):
         read_lerobot(root)
 
 
@@ -349,7 +349,7 @@ def test_names_of_two_dimensions_that_contradict_are_refused(root, names):
 
 def test_channels_that_the_names_contradict_are_refused(root):
     write_grid(root, (3, 16), names=["channels", "taxels"])
-    with pytest.raises(ValueError, match=r"'num_channels' must be that .*\[16, 3\] \(got 16\)"):
+    with pytest.raises(ValueError, match=r"'num_channels' must match .*\[16, 3\] \(got 16\)"):
         read_lerobot(root, num_channels=16)
 
 
@@ -361,7 +361,7 @@ def test_our_file_says_that_taxels_have_many_channels(tmp_path):
 
 @pytest.mark.parametrize("num_channels", [0, 2, 4])
 def test_other_channels_than_the_files_say_are_refused(root, num_channels):
-    with pytest.raises(ValueError, match=rf"'num_channels' must be .*\(got {num_channels}\)"):
+    with pytest.raises(ValueError, match=rf"'num_channels' must .*\(got {num_channels}\)"):
         read_lerobot(root, num_channels=num_channels)
 
 

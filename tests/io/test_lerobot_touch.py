@@ -123,13 +123,13 @@ def test_steps_in_a_gap_of_the_touch_are_missing(source, tmp_path, caplog):
 @pytest.mark.parametrize(
     ("touch", "settings", "match"),
     [
-        ([skin(170, 150, 2)], {}, "one for each of 2 episodes of '.*' .got 1"),
-        ([skin(170, 150, 2), skin(9, 150, 3)], {}, "recording 1 must reach from 0 to 0.6 s .*0.05"),
+        ([skin(170, 150, 2)], {}, "one recording for each of 2 episodes of '.*' .got 1"),
+        ([skin(170, 150, 2), skin(9, 150, 3)], {}, "recording 1 must cover 0 to 0.6 s .*0.05"),
         ([skin(170, 150, 2), skin(95, 150, 3)], {"starts": [0]}, "'starts' must hold one time"),
         (
             [skin(170, 150, 2), skin(95, 150, 3)],
             {"starts": [-0.2, 0]},
-            r"recording 0 must reach from 0 to 1.1 s after its start.*got 0.2 to 1.3",
+            r"recording 0 must cover 0 to 1.1 s after its start.*got 0.2 to 1.3",
         ),
         ([], {}, "at least one recording"),
     ],
@@ -165,6 +165,8 @@ def test_links_out_of_the_data_set_are_not_followed(source, tmp_path):
     touch = [skin(170, 150, 2), skin(95, 150, 3)]
     (tmp_path / "secret").write_text("secret")
     (source / "videos/front/file-001.mp4").symlink_to(tmp_path / "secret")
-    with pytest.raises(ValueError, match=r"file-001.mp4' must not be a link out of the data set"):
+    with pytest.raises(
+        ValueError, match=r"file-001.mp4' must not be a link to a file outside of the data set"
+    ):
         add_to_lerobot(source, touch, tmp_path / "new")
     assert not (tmp_path / "new").exists()

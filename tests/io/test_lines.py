@@ -145,7 +145,7 @@ def test_text_rows_warn_of_lines_with_a_whole_frame(caplog):
         assert fed(TextRowsDecoder(shape=(2, 3)), b"512,513,900,1023,0,4\r\n" * 9, size=22) == []
     (record,) = caplog.records
     assert record.getMessage() == (
-        "a line has all 6 numbers of a frame: use protocol=lines in place of text"
+        "a line has all 6 numbers of a frame: use protocol=lines instead of text"
     )
 
 
@@ -157,10 +157,10 @@ ROWS = b"1 2 3 \r\n4 5 255 \r\n\r\n"
     [
         (b"2,3\r\n" + b"1,2,3\r\n" * 4, "lines of 3 numbers", "lines"),
         (b"Ready\r\n" * 9 + b"1,2,3\r\n" * 4, "lines of 3 numbers", "lines"),
-        (ROWS * 4, "blocks of 2 lines of 3 numbers, with an empty line between", "text&shape=2x3"),
-        (ROWS.replace(b"255", b"256") * 4, "blocks of 2 lines of 3 numbers, with an", ""),
-        (b"Ready\r\n" * 9, "text, but no lines of equally many numbers", ""),
-        (b"1,2\r\n1\r\n" * 9, "text, but no lines of equally many numbers", ""),
+        (ROWS * 4, "blocks of 2 lines of 3 numbers, separated by empty lines", "text&shape=2x3"),
+        (ROWS.replace(b"255", b"256") * 4, "blocks of 2 lines of 3 numbers, separated", ""),
+        (b"Ready\r\n" * 9, "text, but not lines with the same number of values", ""),
+        (b"1,2\r\n1\r\n" * 9, "text, but not lines with the same number of values", ""),
         (b"\xaa\x55\x01\x02" * 9, "binary, AA 55 every 4 bytes", ""),
         (bytes(99), "binary, without a pair of bytes at regular distances", ""),
         (b"", "binary, without", ""),

@@ -87,7 +87,7 @@ def test_npy(tmp_path, dtype):
         (STACK[None], r"\(got shape \(1, 2, 3, 4\)\)"),
         (STACK[:0], r"\(got shape \(0, 3, 4\)\)"),
         (np.array(1.0), r"\(got shape \(\)\)"),
-        (MATRIX.astype(complex), r"must hold numbers or texts \(got complex128"),
+        (MATRIX.astype(complex), r"must hold numbers or strings \(got complex128"),
         (MATRIX > 1, r"must hold numbers \(got type bool\)"),
     ],
     ids=["rows", "4-D", "empty", "scalar", "complex", "bool"],
@@ -212,7 +212,7 @@ def test_numbers_of_mat_that_do_not_fit_their_type(tmp_path):
         (160, -1, r"a variable has the size \(-1, 4\)"),
         (168, 0x00010002, "a variable has no name"),  # another type
         (172, -1, "a variable has no name"),  # not ASCII
-        (168, 0x00050001, "a small part must have 4 bytes at most"),
+        (168, 0x00050001, "a small part must have at most 4 bytes"),
         (176, 11, "'x' has numbers of the unknown type 11"),
         (180, 11, r"'x' must have 12 bytes of numbers \(got 11"),
         (180, 100, "a part must have 100 bytes"),
@@ -287,15 +287,15 @@ def test_a_cube_of_mat_may_be_read_both_ways(tmp_path):
 def test_other_versions_of_mat(tmp_path):
     path = mat(tmp_path / "a.mat", {"a": MATRIX}, format="4")
     with pytest.raises(
-        ValueError, match=r"not a MAT file of version 5 to 7, or truncated: try save"
+        ValueError, match=r"truncated, or not a MAT file of versions 5 to 7: try save"
     ):
         read_matrix_mat(path, SIZE)
     path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + b"\x89HDF\r\n\x1a\n" + bytes(9))
-    with pytest.raises(ValueError, match=r"of version 7.3 \(HDF5\): write it by save.*'-v7'"):
+    with pytest.raises(ValueError, match=r"has version 7.3 \(HDF5\): write it with save.*'-v7'"):
         read_matrix_mat(path, SIZE)
     mat(path)
     path.write_bytes(path.read_bytes()[:124] + b"\0\2IM")
-    with pytest.raises(ValueError, match=r"of version 0x200"):
+    with pytest.raises(ValueError, match=r"has version 0x200"):
         read_matrix_mat(path, SIZE)
 
 

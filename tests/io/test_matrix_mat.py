@@ -56,17 +56,20 @@ def test_texts_as_matlab_writes_them(tmp_path):
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        (None, r"must have one array 'a' of numbers or texts \(got 'b'\)"),
-        ({"c": 1.0}, r"must have one array 'a' of numbers or texts"),
+        (None, r"must have one array 'a' of numbers or strings \(got 'b'\)"),
+        ({"c": 1.0}, r"must have one array 'a' of numbers or strings"),
         (np.array([1 + 2j]), r"'a' must hold real numbers \(got complex\)"),
-        (np.array([["x", 1.0]], dtype=object), r"'a' must hold texts \(got an array of class 6\)"),
-        (np.array([["x", "y"]] * 2, dtype=object), r"'a' must be one row or column of texts"),
-        (cell("x", cell("y")), r"'a' must hold texts \(got an array of class 1\)"),
+        (
+            np.array([["x", 1.0]], dtype=object),
+            r"must hold strings \(got an array of class 6\)",
+        ),
+        (np.array([["x", "y"]] * 2, dtype=object), r"'a' must be one row or column of strings"),
+        (cell("x", cell("y")), r"'a' must hold strings \(got an array of class 1\)"),
         (
             cell("x", np.array(["yz", "uv"])),
-            r"'a' has a text of 4 characters for the size \(2, 2\)",
+            r"'a' has a string of 4 characters for the size \(2, 2\)",
         ),
-        (cell(*["x" * 1000] * 1100), "'a' has too many texts|size of a variable differs from"),
+        (cell(*["x" * 1000] * 1100), "'a' has too many strings|size of a variable differs from"),
     ],
 )
 @pytest.mark.parametrize("packed", [True, False])
@@ -93,5 +96,5 @@ def test_cells_that_are_more_than_their_size(tmp_path):
     path = glove_mat(tmp_path / "a.mat", {"a": cell("mug", "ball")}, packed=False)
     data = path.read_bytes()
     path.write_bytes(data.replace(struct.pack("<2i", 1, 2), struct.pack("<2i", 1, 1), 1))
-    with pytest.raises(ValueError, match="'a' has bytes after its texts"):
+    with pytest.raises(ValueError, match="'a' has bytes after its strings"):
         read_mat_variables(path, ["a"])

@@ -226,7 +226,7 @@ def test_nothing_to_save(tmp_path, stream):
         path.write_bytes(content)
         with pytest.raises(ValueError, match=r"a.mcap' is not an MCAP file"):
             read_mcap(path)
-    with pytest.raises(ValueError, match="must be another file"):
+    with pytest.raises(ValueError, match="must be a new file"):
         repair_mcap(path, path)
     assert [file.name for file in tmp_path.iterdir()] == ["a.mcap"]
 

@@ -22,11 +22,11 @@ from torch_geometric_tactile.io._xela_messages import read_xela_messages
 
 ADVICE = {
     io.read_bigs: "give the path of an HDF5 or npz file",
-    io.read_biotac_slide_csv: "put the file of BioTac_slide_20_50 there",
-    read_biotac_sp_csv: "put the file of the BioTac SP stability set there",
-    read_biotac_sp_dos_csv: "put the file of BioTac SP DoS there",
+    io.read_biotac_slide_csv: "put the file from BioTac_slide_20_50 there",
+    read_biotac_sp_csv: "put the file from the BioTac SP stability set there",
+    read_biotac_sp_dos_csv: "put the file from BioTac SP DoS there",
     io.read_hdf5: "give the path of a recording",
-    read_icub_grasp_txt: "put the file of the iCub Grasp data set there",
+    read_icub_grasp_txt: "put the file from the iCub Grasp data set there",
     read_idx: "give the path of an IDX file",
     read_matrix_csv: "give the path of a CSV file",
     read_matrix_mat: "give the path of a MAT file",

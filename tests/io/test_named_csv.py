@@ -166,7 +166,7 @@ def test_a_frame_without_readings_is_missing(write):
     [
         (["0.5,0.25", "1,2"], {"tactile": ".*"}, r"column 1 must be the name of a column"),
         (["a,0.25", "1,2"], {}, r"line 1, column 2 must be the name of a column \(got '0.25'\)"),
-        (["time,timestamp,a", "1,2,3"], {}, r"one column of the time \(got time, timestamp\)"),
+        (["time,timestamp,a", "1,2,3"], {}, r"one time column \(got time, timestamp\)"),
         (
             ["time,timestamp,a", "1,2,3"],
             {"time": "time"},
@@ -270,7 +270,7 @@ def test_a_clock_of_another_name_is_no_reading(write, name, options):
 @pytest.mark.parametrize("options", [{}, {"tactile": ["thumb"]}, {"tactile": "th.*"}])
 def test_no_rate_is_invented_for_a_file_without_time(write, options):
     path = write("horloge,thumb", "0.5,5", "0.75,6")
-    with pytest.raises(ValueError, match=r"column of the time \(got horloge, thumb\): .* 'rate'"):
+    with pytest.raises(ValueError, match=r"time column \(got horloge, thumb\): .* 'rate'"):
         read_named_csv(path, **options)
     assert read_named_csv(path, time="horloge", **options).time.tolist() == [0.5, 0.75]
     assert read_named_csv(path, rate=4, **options).time.tolist() == [0, 0.25]

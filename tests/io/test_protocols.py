@@ -88,11 +88,11 @@ def test_settings_as_values_and_as_texts():
         ),
         (
             lambda: decoder_of("text", size=3),
-            r"'text' must have settings among shape, or 'baudrate' of a port",
+            r"'text' must be one of shape, or 'baudrate' of the port",
         ),
         (
             lambda: decoder_of("m1616", a=1),
-            r"'m1616' must have settings among none, or .* \(got 'a'\)",
+            r"'m1616' must be one of none, or .* \(got 'a'\)",
         ),
         (lambda: decoder_of("text", shape="12"), r"'shape' must be rows and columns"),
         (

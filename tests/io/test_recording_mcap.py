@@ -153,7 +153,7 @@ def test_frame_that_does_not_fit_is_left_out_and_told(tmp_path, caplog, frame, w
 def test_frames_out_of_order_are_sorted_and_told(tmp_path, caplog):
     path = write_frames(tmp_path / "a.mcap", [a_frame(i) for i in (0, 2, 1, 2, 3)])
     assert read_mcap(path).extra["sequence"].tolist() == [0, 1, 2, 3]
-    assert "4 of 5 are kept" in caplog.text
+    assert "4 of 5 were read" in caplog.text
 
 
 def test_events_are_read_with_their_times(tmp_path):
@@ -195,7 +195,7 @@ def test_the_first_ten_thousand_events_are_read(tmp_path):
 
 def test_existing_file_is_kept_unless_asked(tmp_path):
     path = write_frames(tmp_path / "a.mcap", [a_frame(0)])
-    with pytest.raises(FileExistsError, match="exists: give another name"):
+    with pytest.raises(FileExistsError, match="exists: choose another name"):
         McapWriter(path)
     assert read_mcap(path).num_frames == 1
     write_frames(path, [a_frame(0), a_frame(1)], overwrite=True)
@@ -221,7 +221,7 @@ def test_bad_arguments(tmp_path):
     assert [*tmp_path.iterdir()] == []
     with (
         McapWriter(tmp_path / "a.mcap") as writer,
-        pytest.raises(ValueError, match="'t' must hold numbers or texts"),
+        pytest.raises(ValueError, match="'t' must hold numbers or strings"),
     ):
         writer.write_frame(a_frame(0, extra={"t": np.array([object()])}))
 

@@ -83,7 +83,7 @@ def test_npz_of_something_else(tmp_path):
             {"tactile": np.zeros((2, 5))},
             r"not hold a consistent recording: 'tactile' must have shape",
         ),
-        ({"tactile": np.ones((2, 1, 2), bool)}, r"must hold numbers in 'tactile' \(got truth"),
+        ({"tactile": np.ones((2, 1, 2), bool)}, r"must hold numbers in 'tactile' \(got booleans"),
         ({"joint": np.zeros((3, 5))}, r"'joint' must have 2 frames, as 'time' has \(got 3\)"),
         ({"meta": np.array("{")}, r"must hold JSON in 'meta'"),
         ({"label": np.array(3)}, r"must hold JSON in 'label'"),
@@ -141,7 +141,7 @@ def npy(header):
         ),
         (
             {"joint.npy": npy("{'descr':'<U0','fortran_order':False,'shape':(999999999999,)}")},
-            r"its array 'joint' must hold numbers or texts",
+            r"its array 'joint' must hold numbers or strings",
         ),
         ({"joint.npy": npy("{'descr':'<c8','fortran_order':False,'shape':()}")}, r"complex64"),
         ({"joint.npy": b"\x93NUMPY\x09\x00"}, r"version \(9, 0\) of NumPy's format"),
@@ -160,9 +160,7 @@ def test_npz_with_strange_parts(parts, message, path):
 def test_npz_with_a_part_twice(path):
     with zipfile.ZipFile(path, "a") as file, pytest.warns(UserWarning, match="Dupl"):
         file.writestr("joint.npy", file.read("joint.npy"))
-    with pytest.raises(
-        ValueError, match=r"its part 'joint.npy' is not an array, or is there twice"
-    ):
+    with pytest.raises(ValueError, match=r"its part 'joint.npy' is not an array, or is repeated"):
         read_npz(path)
 
 

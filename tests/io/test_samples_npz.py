@@ -26,7 +26,7 @@ def test_other_usual_names_are_found(tmp_path, caplog):
     path = write(tmp_path / "a.npz", data=X, labels=Y, trial_id=Y, objects=Y, note=np.array("n"))
     with caplog.at_level(logging.WARNING):
         assert set(read_samples_npz(path)) == {"x", "y", "trial", "group"}
-    assert "not used: 'note'" in caplog.text
+    assert "ignored the arrays 'note'" in caplog.text
     write(path, x=X, y=Y, **dict.fromkeys("abcdefghijk", Y[:1]))
     with caplog.at_level(logging.WARNING):
         read_samples_npz(path)
@@ -48,7 +48,7 @@ def test_further_names_of_the_samples_are_units(tmp_path, caplog):
     found = read_samples_npz(path)
     assert set(found) == {"x", "y", "group", "person"}
     assert found["person"].tolist() == ["a", "a", "b", "b"]
-    assert "not used: 'day', 'height'" in caplog.text
+    assert "ignored the arrays 'day', 'height'" in caplog.text
 
 
 def test_ten_arrays_that_are_no_data_set_are_listed(tmp_path):
@@ -65,7 +65,7 @@ def test_ten_arrays_that_are_no_data_set_are_listed(tmp_path):
         ({"x": X, "y": Y, "labels": Y}, r"must have only one of \['y', 'labels'\]"),
         ({"x": X[0], "y": Y}, r"'x' must have shape \(num_samples, num_taxels, ...\)"),
         ({"x": X, "y": Y[:3]}, r"'y' must have 4 rows, one for each of 'x' \(got \(3,\)\)"),
-        ({"x": X.astype(str), "y": Y}, r"'x' must hold numbers \(got texts\)"),
+        ({"x": X.astype(str), "y": Y}, r"'x' must hold numbers \(got strings\)"),
         ({"format": np.array("f"), "tactile": X}, r"a recording is not a data set"),
     ],
 )

@@ -72,7 +72,7 @@ def test_frames_without_joints_are_left_out(tmp_path):
     assert rec.time.tolist() == [0.02, 0.03]
     assert rec.tactile[0, 0, 0] == 30002 + 10 * 124
     late = sparsh_joints(start=7.0)
-    with pytest.raises(ValueError, match=r"allegro/data.pkl' must have times in .*0 to 0.05 s"):
+    with pytest.raises(ValueError, match=r"allegro/data.pkl' must overlap in time .*0 to 0.05 s"):
         read_sparsh_skin(sparsh_episode(tmp_path, joints=late))
 
 
@@ -93,8 +93,8 @@ def changed(index, value):
 @pytest.mark.parametrize(
     ("touch", "match"),
     [
-        ([], r"must hold a list of frames, at least one \(got list\)"),
-        ({"a": 1}, r"list of frames, at least one \(got dict\)"),
+        ([], r"must hold a list of at least one frame \(got list\)"),
+        ({"a": 1}, r"list of at least one frame \(got dict\)"),
         ([*sparsh_touch(), 3], r"frame 6 must be an array of shape \(368, 4\) \(got int\)"),
         ([np.zeros((367, 4))], r"frame 0 must be an array .*\(got \(367, 4\)\)"),
         (changed((2, ..., 0), 0.005), r"must have times in order \(got 0.005 in row 2\)"),

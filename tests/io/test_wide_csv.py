@@ -273,7 +273,7 @@ def test_names_that_are_not_understood(write, names):
             "taxel_0_x,joint_0,joint_0_deg",
             r"name each column once \(got 'joint_0' and 'joint_0_deg'",
         ),
-        ("taxel_0_x,time,timestamp", r"have one column of the time \(got time, timestamp\)"),
+        ("taxel_0_x,time,timestamp", r"have one time column \(got time, timestamp\)"),
         ("taxel_0_x,taxel_0_y_n", r"have all readings in one unit \(got \['None', 'n'\]\)"),
     ],
 )

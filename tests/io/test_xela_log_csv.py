@@ -77,7 +77,11 @@ def test_read_drops_and_counts_repeats(write, rows, times, stale):
 @pytest.mark.parametrize(
     ("text", "forces", "message"),
     [
-        ("time,taxel_0_x\n0,1\n", False, r"must have the column 'Send time', as a log of xela_log"),
+        (
+            "time,taxel_0_x\n0,1\n",
+            False,
+            r"must have the column 'Send time', as xela_log",
+        ),
         (
             "Send time,1X,1Y,1Z\n",
             False,

@@ -221,7 +221,7 @@ def test_bad_onnx_files(tmp_path):
     with pytest.raises(FileNotFoundError, match="there is no model"):
         Judge(path)
     path.write_bytes(b"no model")
-    with pytest.raises(ValueError, match="is not a model in ONNX"):
+    with pytest.raises(ValueError, match="is not an ONNX model"):
         Judge(path)
     info = onnx.helper.make_tensor_value_info("x", 1, [1])
     node = onnx.helper.make_node("Identity", ["x"], ["y"])

@@ -70,12 +70,15 @@ def test_open_source_of_a_simulation():
         ("COM3", r'given as "serial:COM3\?protocol=NAME"'),
         (None, 'a source must be one of "serial:'),
         ("usb:/dev/x", r'a source must be one of "serial:.*, ws:.*, "file:.*, .* or "sim:'),
-        ("serial:/dev/x?shape=2x3", "protocol 'lines' must have settings among time, num_taxels"),
-        ("serial:/dev/x?baud=9600", r"or 'baudrate' of a port \(got 'baud'\)"),
+        (
+            "serial:/dev/x?shape=2x3",
+            "a setting of protocol 'lines' must be one of time, num_taxels",
+        ),
+        ("serial:/dev/x?baud=9600", r"or 'baudrate' of the port \(got 'baud'\)"),
         ("serial:/dev/x?time=min", r"'time' must be one of none, s, ms, us \(got 'min'\)"),
         ("serial:/dev/x?protocol=tcp", "'protocol' must be one of cobs"),
         ("serial:/dev/x?protocol=cobs&baudrate=fast", "'baudrate' must be an integer"),
-        ("serial:/dev/x?protocol=cobs&parity=odd", "protocol 'cobs' must have settings among"),
+        ("serial:/dev/x?protocol=cobs&parity=odd", "a setting of protocol 'cobs' must be one of"),
         ("serial:?protocol=anyskin", "'port' must be the path or name"),
         ("file:", "a file source must name the file"),
         (

@@ -205,7 +205,7 @@ def test_no_frame_makes_no_file(path):
     ("name", "settings", "error", "match"),
     [
         ("a.npz", {}, ValueError, "must end in one of .mcap, .h5, .hdf5"),
-        ("none/a.mcap", {}, FileNotFoundError, "make the folder first"),
+        ("none/a.mcap", {}, FileNotFoundError, "create the folder first"),
         ("a.mcap", {"label": 0.5}, ValueError, "'label' must be"),
     ],
 )

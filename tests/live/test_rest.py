@@ -69,7 +69,7 @@ def test_a_touch_is_no_rest(taxel):
     assert f"taxel {taxel} by" in event[2]
     assert "keep the sensor untouched" in rest.status()
     with pytest.raises(
-        RuntimeError, match=r"there must be a rest \(got none\): keep the .*: 0 still"
+        RuntimeError, match=r"the rest must be measured first: keep the .*: 0 still"
     ):
         _ = rest.value
     assert fill(rest, still(80, first=51, seed=1))[0] == 50  # once more, from the next frame on
@@ -229,7 +229,9 @@ def test_bad_numbers(name, value):
 def test_bad_frames():
     rest = Rest()
     rest.add(frame(0, np.zeros((3, 2))))
-    with pytest.raises(ValueError, match=r"a frame must have shape \(3, 2\), as those before"):
+    with pytest.raises(
+        ValueError, match=r"a frame must have shape \(3, 2\), as the previous frames"
+    ):
         rest.add(frame(1, np.zeros((4, 2))))
 
 
@@ -257,7 +259,7 @@ def test_readings_relative_to_frames_that_were_refused():
     frames[40].tactile[3, 1] += 1000
     for one in frames[:50]:
         rest.relative(one)
-    with pytest.raises(RuntimeError, match=r"there must be a rest \(got none\): .*taxel 3 by"):
+    with pytest.raises(RuntimeError, match=r"the rest must be measured first: .*taxel 3 by"):
         rest.relative(frames[50])
 
 

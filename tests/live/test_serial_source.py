@@ -186,7 +186,7 @@ def test_port_replaced_by_another_of_its_name_is_noticed(port, tmp_path):
         other = FakePort(tmp_path / "other")
         port.path.unlink()
         port.path.symlink_to(os.ttyname(other._device))
-        with pytest.raises(OSError, match="is gone"):
+        with pytest.raises(OSError, match="has disappeared"):
             source.read(0)
         other.close()
 
@@ -334,7 +334,7 @@ def test_time_without_a_unit_is_suspected(port, caplog, time):
     assert (frames[0].device_time, frames[0].tactile.shape) == (
         (None, (3, 1)) if time == "none" else (0.02, (2, 1))
     )
-    warned = "if it is the time and no taxel, name its unit in the source, as time=ms"
+    warned = "if it is a time and not a taxel, add its unit to the source, such as time=ms"
     assert (warned in caplog.text) == (time == "none")
 
 
@@ -343,7 +343,7 @@ def test_time_without_a_unit_is_suspected(port, caplog, time):
     [
         (b"\xaa\x55\x01\x02" * 99, r"\(binary, AA 55 every 4 bytes\)$"),
         (b"1 2\r\n3 4\r\n\r\n" * 9, r"\(blocks of 2 lines .*\): use protocol=text&shape=2x2$"),
-        (b"7" * 100_000, r"b'77777.*' \(text, but no lines"),
+        (b"7" * 100_000, r"b'77777.*' \(text, but not lines"),
     ],
     ids=["binary", "rows", "long"],
 )
@@ -365,7 +365,7 @@ def test_bytes_of_another_protocol_are_described(port):
         port.write(LINES)
         wait_until(lambda: source.read(0.05) == [] and source.counts.skipped >= len(LINES))
         assert source.why_no_frame().endswith(
-            "the baudrate of 115200. The first are "
+            "the baudrate of 115200. The first bytes are "
             r"b'0,4\r\n512,513,900\r\n512,513,900\r\n512,513,9' "
             "(lines of 3 numbers): use protocol=lines"
         )

@@ -233,7 +233,7 @@ def test_recordings_begin_and_end_at_any_time(tmp_path, monkeypatch):
     session = LiveSession(NumberedSource(500))
     with session:
         first = session.toggle_recording()
-        with pytest.raises(ValueError, match="a recorder runs: stop that of"):
+        with pytest.raises(ValueError, match="a recording to"):
             session.record("b.mcap")
         session.run(seconds=0.3)
         assert session.toggle_recording() == first

@@ -89,7 +89,7 @@ def test_stream_opens_once():
     assert stream.source.opened == 1
     stream.close()
     stream.close()
-    with pytest.raises(ValueError, match="a stream is opened once"):
+    with pytest.raises(ValueError, match="a stream can be opened only once"):
         stream.open()
 
 
@@ -132,7 +132,7 @@ def test_ended_stream_answers_through_asyncio_to_thread():
 def test_get_without_a_frame_raises_timeout_error():
     with Stream(FakeSource()) as stream:
         subscription = stream.subscribe()
-        with pytest.raises(TimeoutError, match=r"no frame came within 0\.02 s"):
+        with pytest.raises(TimeoutError, match=r"no frame arrived within 0\.02 s"):
             subscription.get(0.02)
 
 
@@ -182,7 +182,7 @@ def test_policy_all_ends_with_an_error_when_it_overflows():
                 slow.get(0)
         source.send(frame(5), SourceEnded())
         assert fast.get(LONG).sequence == 5
-        with pytest.raises(StreamOverflow, match="3 frames are lost"):
+        with pytest.raises(StreamOverflow, match="3 frames were lost"):
             next(slow)
         assert stream.health().dropped == slow.dropped == 3
 

@@ -76,7 +76,7 @@ def test_taxel_map_bad_input_raises(arguments, match):
 
 @pytest.mark.parametrize("name", ["layout", "source"])
 def test_taxel_map_layout_and_source_are_texts(name):
-    with pytest.raises(ValueError, match=rf"'{name}' must be a text \(got int\)"):
+    with pytest.raises(ValueError, match=rf"'{name}' must be a string \(got int\)"):
         TaxelMap([0], 1, **{name: 3})
 
 
@@ -86,12 +86,12 @@ def test_taxel_map_layout_and_source_are_texts(name):
         ("[0, 1]", "it must be a JSON object with 'index' and 'num_taxels'"),
         ('{"index": [0]}', "it must be a JSON object with 'index' and 'num_taxels'"),
         ('{"index": [5], "num_taxels": 2}', "'index' must hold indices"),
-        ('{"index": [true, 1], "num_taxels": 2}', "'index' must be a list of integers .*truth"),
+        ('{"index": [true, 1], "num_taxels": 2}', "'index' must be a list of integers .*boolean"),
         ('{"index": [0], "num_taxels": 2, "size": 1}', r"among .*\(got 'size'\)"),
         ('{"index": [1e3], "num_taxels": 2}', "'index' must be a list"),
         (f'{{"index": [{10**30}], "num_taxels": 2}}', "'index' must be a list"),
         ('{"index": "all", "num_taxels": 2}', "'index' must be a list"),
-        ('{"index": [1', "is not a map of taxels"),
+        ('{"index": [1', "is not a taxel map"),
     ],
 )
 def test_taxel_map_file_that_holds_none_raises(tmp_path, content, match):

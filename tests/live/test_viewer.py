@@ -254,7 +254,7 @@ def test_layout_of_another_size_is_told_and_shown_by_number(stream):
     with Viewer(stream, "biotac_sp") as viewer, Page(viewer) as page:
         assert page.next("layout")[0]["form"] == "numbers"
         head, _ = page.until(lambda head: head.get("notes"))
-        assert "Layout biotac_sp has 24 taxels, and frames have 4" in head["notes"][0][2]
+        assert "Layout biotac_sp has 24 taxels, but frames have 4" in head["notes"][0][2]
 
 
 def test_pose_comes_only_when_the_joints_move():

@@ -149,8 +149,8 @@ def break_it(connection):
 @pytest.mark.parametrize(
     ("handler", "match"),
     [
-        (break_it, r"breaks the protocol|closed"),
-        (lambda connection: connection.send(b"0" * ((1 << 24) + 1)), "breaks the protocol"),
+        (break_it, r"violates the protocol|closed"),
+        (lambda connection: connection.send(b"0" * ((1 << 24) + 1)), "violates the protocol"),
     ],
     ids=["no frame", "too large"],
 )

@@ -236,7 +236,7 @@ def test_loader_refuses_arguments_of_pygs_loader(key):
 
 
 def test_loader_refuses_a_collate_fn():
-    with pytest.raises(TypeError, match=r"takes no 'collate_fn', since it cuts"):
+    with pytest.raises(TypeError, match=r"takes no 'collate_fn', since it slices"):
         StaticLoader(numbered(0), collate_fn=list)
     loader = StaticLoader(numbered(0), 2)
     assert trials(StaticLoader(numbered(0), 2, collate_fn=loader.collate_fn)) == trials(loader)

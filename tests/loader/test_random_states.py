@@ -42,7 +42,7 @@ def test_states_are_plain_data_and_draw_the_same_again(tmp_path):
 )
 def test_states_that_were_changed_are_an_error(change, said):
     before = RandomStates.now()
-    with pytest.raises(ValueError, match=rf"random states must be those of PyTorch.*got {said}"):
+    with pytest.raises(ValueError, match=rf"random states must be valid for PyTorch.*got {said}"):
         RandomStates.from_dict(before.to_dict() | change)
     expected = drawn()
     before.restore()

@@ -440,7 +440,7 @@ def test_bad_features_are_refused(name, batch_size):
 @pytest.mark.parametrize("name", ["self", "difference", "segmented", "sector"])
 def test_pairs_of_features_are_refused(name):
     x, *others = layer_inputs(name, None)
-    with pytest.raises(ValueError, match=r"'x' must be a tensor, .* \(got tuple\)"):
+    with pytest.raises(ValueError, match=r"'x' must be a tensor with .* \(got tuple\)"):
         make_layer(name)((x, x), *others)
 
 

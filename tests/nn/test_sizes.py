@@ -69,7 +69,7 @@ def test_size_is_checked(name, size):
 @pytest.mark.parametrize("name", parameters_named("widths"))
 @pytest.mark.parametrize("widths", [(), (4, 0)])
 def test_widths_are_checked(name, widths):
-    match = r"'widths' must be (at least one width|1 to 8 positive numbers).*\(got \("
+    match = r"'widths' must (hold at least one width|be 1 to 8 positive numbers).*\(got \("
     with pytest.raises(ValueError, match=match):
         getattr(nn, name)(**{**NEEDED.get(name, {}), "widths": widths})
 

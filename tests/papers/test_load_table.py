@@ -229,7 +229,7 @@ def test_wrong_names_list_the_right_ones():
         load_table("p9")
     with pytest.raises(ValueError, match=r"'protocols' must be some of \['by trial', 'by frame'\]"):
         load_table("p1-table3").select_protocols(["frame", "object"])
-    with pytest.raises(ValueError, match=r"'only' must fit.*sparse, slanted.*\(got 'gcn_\*'\)"):
+    with pytest.raises(ValueError, match=r"'only' must match.*sparse, slanted.*\(got 'gcn_\*'\)"):
         load_table("p1-table3").select(["dense", "gcn_*"])
 
 
@@ -301,7 +301,7 @@ def test_own_table_is_run_and_written(own_table, tmp_path, capsys):
     assert main(arguments) == 0
     assert "mine: 16 of 16 runs finished" in capsys.readouterr().out
     page = (tmp_path / "out" / "mine.md").read_text()
-    assert page.startswith("# Mine\n\nRecordings of your own: 40 ")
+    assert page.startswith("# Mine\n\nYour own recordings: 40 ")
     assert "Held out: four folds: 4 folds by frame, stratified by y, pooled" in page
     assert "after 1 epoch (Adam, learning rate 0.01, batches of 256" in page
     assert "Published" not in page

@@ -62,7 +62,7 @@ def test_caption_tells_the_success_rates_of_a_simulation(tmp_path):
     summary = {"seed": 3, "mujoco": "3.3.0", "objects": {"box": {"grasps": 8, "successes": 2}}}
     (root / "raw" / "simulation.json").write_text(json.dumps(summary))
     source, _ = DATA.with_arguments({"root": str(root)}).resolve()
-    assert "(box 8, of which 25.0 % are a success; seed 3, MuJoCo 3.3.0)" in source.caption
+    assert "(box 8, of which 25.0 % are successful; seed 3, MuJoCo 3.3.0)" in source.caption
     summary["objects"]["box"]["grasps"] = 0
     (root / "raw" / "simulation.json").write_text(json.dumps(summary))
     with pytest.raises(ValueError, match="must be a summary of 'tactile simulate'"):

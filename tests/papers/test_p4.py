@@ -178,8 +178,11 @@ def test_table_is_trained_goes_on_and_tells_of_draws(squeezes, tmp_path, capsys)
     drawn = "25 of each trial, drawn from every frame at 30 Hz of the phases squeeze: 288 in all"
     assert f"{drawn}; 240 to train and 48 to test" in page
     assert "For 29 of 48 samples, the variance is p(1 - p)/29 · 19/47 on average" in page
-    assert "The published variances are 0.78 to 9.87, 0.1 to 0.6 times the average of draws" in page
-    assert "They must have a further source" not in page
+    assert (
+        "The published variances are 0.78 to 9.87. This is 0.1 to 0.6 times the average for draws"
+        in page
+    )
+    assert "There must be a further source" not in page
     rows = list(csv.DictReader((tmp_path / "p4.csv").read_text().splitlines()))
     mine = {(r["source"], r["metric"]): float(r["mean"]) for r in rows if r["experiment"] == "fnn"}
     (path,) = (tmp_path / "runs").glob("fnn_*.json")

@@ -140,7 +140,7 @@ def test_caption_tells_what_the_numbers_are(objects):
         "**Simulated**, not a result of a real hand: 80 trials of `tactile simulate`",
         "objects `paper8`, seed 1, 17 s at 100 Hz, MuJoCo 3",
         "Seeds 0 to 1 of split and training",
-        "60 % to train, 10 % unused (for validation), 30 % to test, once, after 3 epochs",
+        "Split: 60 % training, 10 % validation (unused), 30 % test. Tested once, after 3 epochs",
         "Adam, learning rate 0.001, batches of 32",
         "Every 20th frame: 7,000 in all; 600 to train and 300 to test by trial;",
         ". The mean of each trial's readings in the phase hover is subtracted.",
@@ -179,7 +179,7 @@ def test_rank_correlation_with_the_published_accuracies():
         if shown is None:
             assert "Rank correlation" not in page
         else:
-            assert f"no relation: {shown} over 5 models (by trial)." in page
+            assert f"no relation): {shown} over 5 models (by trial)." in page
         del entries["x_tac", "trial", 0]
         assert "Rank correlation" not in markdown(run("p2-table2", entries, seeds=1))
 

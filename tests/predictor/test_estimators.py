@@ -222,7 +222,7 @@ def refused(pipeline, text, num_classes=2):
 def test_what_has_no_such_form_is_refused():
     x, y = dataset(2).data.x.numpy(), np.arange(120) % 2
     refused(flat_forest(), "not fitted|is not fitted yet")
-    scores_only = "_SubsampledSVC, which has scores only.: wrap it in TemperatureScaling"
+    scores_only = "_SubsampledSVC, which has only scores.: wrap it in TemperatureScaling"
     refused(rbf_svm().fit(x, y), scores_only)
     refused(baselines.GraspSVM(num_fingers=2).fit(x, y), r"must be a pipeline .* \(got GraspSVM\)")
     flat = ("flat", baselines.FlatReadings())

@@ -333,7 +333,7 @@ REFUSED = {
     "TwiceDropTaxels": (doubled(T.DropTaxels)(taxels=[1]), r"^TwiceDrop.*its operations have"),
     "TwiceTare": (
         doubled(T.Tare)(),
-        r"^TwiceTare\(.* it measures sessions and overrides 'forward'",
+        r"^TwiceTare\(.* it measures sessions but overrides 'forward'",
     ),
     "ContactCrop": (T.ContactCrop(3, missing="keep"), r"^ContactCrop\(.* cannot be exported: the "),
     "RandomNoise": (T.RandomNoise(0.5), r"^RandomNoise\(std=0.5\) cannot be exported: it draws"),
@@ -346,7 +346,7 @@ REFUSED = {
     ),
     "own": (
         lambda data: data if data.x.sum() > 0 else data.clone(),
-        r"<lambda>.* cannot be exported: its operations have no ONNX form, or depend on values",
+        r"<lambda>.* cannot be exported: its operations have no ONNX equivalent, or depend on ",
     ),
 }
 
@@ -521,5 +521,5 @@ def test_bad_arguments(small, tmp_path):
     with pytest.raises(ValueError, match="'unit' must be one of"):
         export_onnx(small, tmp_path / "model.onnx", unit="volt")
     predictor = Predictor(Reader(), LAYOUT, adjacency="original")
-    with pytest.raises(ValueError, match=r"'num_channels' must be given.*takes \[1, 2, 3"):
+    with pytest.raises(ValueError, match=r"'num_channels' must be given.*accepts \[1, 2, 3"):
         export_onnx(predictor, tmp_path / "model.onnx")

@@ -110,7 +110,7 @@ def test_precision_of_the_weights_is_kept(tmp_path):
 def test_weights_of_another_kind_are_refused(change, kind):
     model = predictor().model
     weights = {name: change(value) for name, value in model.state_dict().items()}
-    with pytest.raises(ValueError, match=rf"must hold real numbers, as the model \(got {kind}\)"):
+    with pytest.raises(ValueError, match=rf"must hold real numbers, like the model \(got {kind}\)"):
         load_weights(model, weights)
 
 
@@ -130,11 +130,13 @@ def test_a_model_of_ones_own_is_given_again(tmp_path):
     before = given.lin.weight.clone()
     assert Predictor.load(tmp_path / "a", model=given)(X).equal(mine(X))
     assert given.lin.weight.equal(before)  # a copy has the weights
-    with pytest.raises(ValueError, match=r"a' is no predictor.*'model' must be given.*Mine"):
+    with pytest.raises(
+        ValueError, match=r"a' cannot be read as a predictor.*'model' must be given.*Mine"
+    ):
         Predictor.load(tmp_path / "a")
-    with pytest.raises(ValueError, match=r"'model' must be a Mine \(got Linear\)"):
+    with pytest.raises(ValueError, match=r"'model' must be of class Mine \(got Linear\)"):
         Predictor.load(tmp_path / "a", model=Linear(3, 2))
-    text = r"'model' must have 'lin.weight' of shape \(2, 3\), as the file \(got \(4, 3\)\)"
+    text = r"'model' must have 'lin.weight' of shape \(2, 3\), like the file \(got \(4, 3\)\)"
     with pytest.raises(ValueError, match=text):
         Predictor.load(tmp_path / "a", model=Mine(4))
     more = Mine()
@@ -181,16 +183,16 @@ HOSTILE = [  # a place in the header of the predictor, what it becomes, and the 
     ("file_names", {"form": "(a+)+{y}", "target": "y"}, r"its 'file_names' must be plain .*a\+"),
     ("file_names", {"form": "{a}{b}{c}{d}{e}{y}", "target": "y"}, "with up to 5 names in braces"),
     ("file_names", {"form": "{y}" + "_" * 200, "target": "y"}, "its 'file_names' must be plain"),
-    ("file_names", {"form": "{x}_{trial}", "target": "y"}, "one of them the target"),
+    ("file_names", {"form": "{x}_{trial}", "target": "y"}, "including the target"),
     ("file_names", {"form": 3, "target": "y"}, "its 'file_names' must be plain text"),
     ("file_names", {"form": "{y}"}, "its 'file_names' must have 'form' and 'target'"),
     ("layout", GONE, "KeyError: 'layout'"),
     ("layout.taxels", [], "at least one taxel"),
     ("layout.taxels.3", GONE, "'pos' must have shape|joins?"),
     ("model.class", "os.system", "there is no model 'os.system' in this version"),
-    ("model.arguments.spam", 1, "model 'TactileFNN' does not take its arguments"),
+    ("model.arguments.spam", 1, "model 'TactileFNN' rejects its arguments"),
     ("model.arguments.widths", [10**7], "must not be larger than its weights in the file"),
-    ("model.arguments.widths", [10**15], "is no predictor that can be read here"),
+    ("model.arguments.widths", [10**15], "cannot be read as a predictor"),
     ("model.arguments.widths", [6], r"'model' must have 'head.* of shape \(5"),
     ("transform.class", "builtins.exec", "there is no transform 'builtins.exec'"),
     ("transform", {"class": "Compose", "arguments": {"transforms": [3.0]}}, r"forms \(got 3.0\)"),
@@ -207,11 +209,11 @@ HOSTILE_TENSORS = [  # the same of the header of the file: of its first tensor, 
     ({"dtype": "OBJECT"}, "must have a dtype"),
     ({"shape": [-1]}, "must have a dtype, a shape"),
     ({"shape": [10**9, 10**9]}, "must have its .* bytes in the file"),
-    ({"shape": [0, 2**62, 2**62], "data_offsets": [0, 0]}, "is no predictor that can be read here"),
+    ({"shape": [0, 2**62, 2**62], "data_offsets": [0, 0]}, "cannot be read as a predictor"),
     (lambda h: shift(first(h)), "damaged or truncated|must fill it"),
     (lambda h: h.update(dict.fromkeys("abc", first(h))), "its tensors must fill it"),
     (lambda h: h.update(a=3), "'a' must have a JSON object"),
-    (lambda h: h["__metadata__"].clear(), "it is not a file of Predictor.save"),
+    (lambda h: h["__metadata__"].clear(), "it was not written by Predictor.save"),
 ]
 
 
@@ -239,7 +241,7 @@ def shift(entry):
 def assert_is_refused(path, text):
     with pytest.raises(ValueError, match=text) as caught:
         Predictor.load(path)
-    assert str(caught.value).startswith(f"'{path}' is no predictor that can be read here: ")
+    assert str(caught.value).startswith(f"'{path}' cannot be read as a predictor: ")
 
 
 @pytest.mark.parametrize(("place", "value", "text"), HOSTILE)
@@ -262,25 +264,25 @@ def estimators(tmp_path_factory):
 
 STEP = "model.arguments.steps.1"
 OF_ESTIMATORS = [
-    ("forest", "model.arguments.steps", [], "'steps' must be features and more"),
-    ("forest", "model.arguments.steps", {"a": 1}, "'steps' must be features and more"),
+    ("forest", "model.arguments.steps", [], "'steps' must be features and a model"),
+    ("forest", "model.arguments.steps", {"a": 1}, "'steps' must be features and a model"),
     ("forest", "model.arguments.steps.0.step", "os.system", "the first step must be one of Readi"),
     ("forest", f"{STEP}.step", "eval", "a step must be one of Affine, Linear"),
-    ("forest", f"{STEP}.spam", 1, "model 'EstimatorModel' does not take its arguments"),
-    ("forest", f"{STEP}.roots", [1, 2], "'roots' must be a tensor of 1 dimensions"),
+    ("forest", f"{STEP}.spam", 1, "model 'EstimatorModel' rejects its arguments"),
+    ("forest", f"{STEP}.roots", [1, 2], "'roots' must be a tensor with 1 dimensions"),
     ("forest", f"{STEP}.num_features", 1, "'feature' must be from 0 to 0"),
-    ("forest", f"{STEP}.num_features", 10**30, "is no predictor that can be read here"),
+    ("forest", f"{STEP}.num_features", 10**30, "cannot be read as a predictor"),
     ("forest", f"{STEP}.num_features", "12", "'num_features' must hold whole numbers"),
-    ("forest", f"{STEP}.left", {"$tensor": "tensor.0"}, "'left' must be a tensor of 1 dim"),
-    ("forest", "model.arguments.steps.2.num_classes", 2, "'classes' must rise and be below 2"),
-    ("forest", "model.arguments.steps.2.num_classes", 10**9, "'num_classes' must be up to"),
+    ("forest", f"{STEP}.left", {"$tensor": "tensor.0"}, "'left' must be a tensor with 1 dim"),
+    ("forest", "model.arguments.steps.2.num_classes", 2, "'classes' must increase and be below 2"),
+    ("forest", "model.arguments.steps.2.num_classes", 10**9, "'num_classes' must be at most"),
     ("forest", "model.arguments.steps.2.classes", [0, -1, 2], "'classes' must hold whole numbers"),
     ("forest", "model.arguments.steps.2.classes", [0, 2], "Logits must take 3 numbers .got 2"),
-    ("machine", f"{STEP}.counts", [1, 2, 10**9], "'counts' must be of"),
+    ("machine", f"{STEP}.counts", [1, 2, 10**9], "'counts' must add up to"),
     ("machine", f"{STEP}.counts", [0.5], "'counts' must hold whole numbers"),
-    ("machine", f"{STEP}.vectors", GONE, "model 'EstimatorModel' does not take its argume"),
+    ("machine", f"{STEP}.vectors", GONE, "model 'EstimatorModel' rejects its argume"),
     ("machine", "model.arguments.steps.2.bias", {"$tensor": "tensor.0"}, "'bias' must be a tensor"),
-    ("machine", "model.arguments.steps.3.factor", "x", "is no predictor that can be read here"),
+    ("machine", "model.arguments.steps.3.factor", "x", "cannot be read as a predictor"),
     ("machine", "model.arguments.steps.3.factor", -1.0, "'factor' must be above 0"),
     ("forest", "score", {"mean": 1.0}, "a score must have model, metric, mean"),
     ("forest", "score", 3, "a score must have"),
@@ -316,7 +318,11 @@ def test_models_within_models_are_built_by_name_only(tmp_path):
     inner = "model.arguments.models.0.$model"
     for place, value, text in (
         (f"{inner}.class", "os.system", "there is no model 'os.system'"),
-        (inner, {"own": "Mine", "text": "x"}, "'model' must be given: .* weights of a Mine"),
+        (
+            inner,
+            {"own": "Mine", "text": "x"},
+            "'model' must be given: .* 'Mine' cannot be built",
+        ),
         (f"{inner}.arguments.widths", [10**7], "must not be larger than its weights in the file"),
         ("model.arguments.models", [3.0], "'models' must hold at least one model"),
     ):
@@ -338,7 +344,7 @@ def test_damaged_files_are_refused(path):
     content = path.read_bytes()
     for cut in (0, 4, 8, 100, len(content) // 2, len(content) - 1):
         path.write_bytes(content[:cut])
-        with pytest.raises(ValueError, match="is no predictor that can be read here"):
+        with pytest.raises(ValueError, match="cannot be read as a predictor"):
             Predictor.load(path)
     path.write_bytes(content + b"x")
     with pytest.raises(ValueError, match="it differs from its checksum"):
@@ -351,10 +357,10 @@ def test_damaged_files_are_refused(path):
         Predictor.load(path)
     deep = b"[" * 100_000
     path.write_bytes(len(deep).to_bytes(8, "little") + deep)
-    with pytest.raises(ValueError, match="its header is no JSON"):
+    with pytest.raises(ValueError, match="its header is not JSON"):
         Predictor.load(path)
     path.write_bytes(bytes(1000))
-    with pytest.raises(ValueError, match="its header is no JSON"):
+    with pytest.raises(ValueError, match="its header is not JSON"):
         Predictor.load(path)
 
 
@@ -398,9 +404,9 @@ def test_pickles_are_not_run(tmp_path, monkeypatch):
     (tmp_path / "a").write_bytes(pickle.dumps(Attack()))
     torch.save({"predictor": Attack()}, tmp_path / "b")
     for name in ("a", "b"):
-        with pytest.raises(ValueError, match=rf"'{name}' is "):
+        with pytest.raises(ValueError, match=rf"'{name}' "):
             Predictor.load(name)
-        with pytest.raises(ValueError, match=rf"'{name}' is no checkpoint that can be read here"):
+        with pytest.raises(ValueError, match=rf"'{name}' cannot be read as a checkpoint"):
             Predictor.from_checkpoint(name)
     assert not (tmp_path / "attacked").exists()
 
@@ -410,12 +416,12 @@ def test_missing_files_are_named(tmp_path):
         FileNotFoundError, match=r"there is no predictor or checkpoint '.*a': give the"
     ):
         Predictor.load(tmp_path / "a")
-    with pytest.raises(FileNotFoundError, match="there is no checkpoint"):
+    with pytest.raises(FileNotFoundError, match=r"the checkpoint .* does not exist"):
         Predictor.from_checkpoint(tmp_path / "a")
     torch.save({"state_dict": {}}, tmp_path / "b")
     with pytest.raises(ValueError, match=r"is a checkpoint: read it with Predictor\.from_"):
         Predictor.load(tmp_path / "b")
-    with pytest.raises(ValueError, match=r"it has no predictor: .*train again"):
+    with pytest.raises(ValueError, match=r"it contains no predictor: .*train again"):
         Predictor.from_checkpoint(tmp_path / "b")
 
 
@@ -477,7 +483,7 @@ def test_weights_of_two_precisions_are_refused_where_the_model_has_one():
 )
 def test_state_of_a_scaler_with_too_few_dimensions(scaler, shape):
     state = {"center": torch.zeros(shape), "scale": torch.ones(shape), "key_values": torch.zeros(1)}
-    with pytest.raises(ValueError, match=r"must be a centre and a scale for each key"):
+    with pytest.raises(ValueError, match=r"must have a centre and a scale for each key"):
         _check_state(scaler, state)
     more = (*shape, *[2] * (3 - len(shape)))
     _check_state(scaler, {**state, "center": torch.ones(more), "scale": torch.ones(more)})

@@ -151,7 +151,7 @@ def test_damaged_file_is_refused(damage, hub, cache):
         "truncated": data[: len(data) // 2],
         "other": b"import os",
     }[damage]
-    with pytest.raises(ValueError, match=r"model\.predictor' is no predictor that can be read"):
+    with pytest.raises(ValueError, match=r"model\.predictor' cannot be read as a predictor"):
         Predictor.from_pretrained(REPO, **cache)
     files[PREDICTOR_FILE] = data
     hub.repositories[REPO].commits["main"] = f"{9:040x}"
@@ -171,7 +171,7 @@ def test_model_of_the_user_is_given_again(hub, cache):
 
     given = Predictor(Own(), grid(2, 2, pitch=0.01), num_channels=3)
     given.push_to_hub(REPO, token="hf_owner")
-    with pytest.raises(ValueError, match=r"'model' must be given: .* weights of a Own"):
+    with pytest.raises(ValueError, match=r"'model' must be given: .* 'Own' cannot be built"):
         Predictor.from_pretrained(REPO, **cache)
     assert Predictor.from_pretrained(REPO, model=Own(), **cache)(X).equal(given(X))
 
@@ -221,7 +221,7 @@ def test_model_card_says_what_the_predictor_is():
         "# slip",
         "| task | multiclass |",
         r"| classes | so\|ft, ha\nrd |",
-        "| sensor | layout grid_2x2, 4 taxels of 3 channels |",
+        "| sensor | layout grid_2x2, 4 taxels with 3 channels |",
         "| model | TactileFNN |",
         "| score | fnn: accuracy 0.91 ± 0.02 over 5 splits (5 folds by trial); trained on all |",
         'predictor = Predictor.from_pretrained("user/slip")',

@@ -176,7 +176,7 @@ def test_command(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(export, "_MIN_EQUAL_LABELS", 0.9)
     assert main([*words, "--quantize", *given]) == 0
     out = capsys.readouterr().out
-    assert "  weights of eight bits: " in out
+    assert "  eight-bit weights: " in out
     assert "on 60 frames or windows of recordings" in out
     (tmp_path / "a.onnx").unlink()
     monkeypatch.setattr(export, "_MIN_EQUAL_LABELS", 1.1)

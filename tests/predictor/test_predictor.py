@@ -382,7 +382,7 @@ def test_tare_comes_first(tmp_path):
         torch.testing.assert_close(predictor(x + mean), expected, rtol=1e-4, atol=1e-4)
     with pytest.raises(ValueError, match=r"'session' must be given.*Tare\('session'"):
         tared.with_tare()(x)
-    with pytest.raises(ValueError, match=r"measures the rest already, by Tare\('session'"):
+    with pytest.raises(ValueError, match=r"already measures the rest, by Tare\('session'"):
         raw.with_tare()
 
 

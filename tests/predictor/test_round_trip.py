@@ -314,7 +314,7 @@ def test_transforms_of_ones_own_are_given_again():
     assert again.transforms[2].center.equal(gain.center)
     assert given[0].center is None  # a copy was fitted
     for own in (None, [Shift(2)], [Gain()]):
-        with pytest.raises(MissingOwnError, match=r"must hold your transform 'Shift\(1\)'"):
+        with pytest.raises(MissingOwnError, match=r"must contain your transform 'Shift\(1\)'"):
             through_text(chain, own)
 
 

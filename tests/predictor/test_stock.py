@@ -23,7 +23,7 @@ LOG_PROBABILITIES = {
     "simulated_hand_shape": [-1.968177, -1.583153, -2.109982, -0.627881],
 }
 NO_FILE = (
-    r"there is no predictor or checkpoint '{}': give the path of a file of Predictor\.save, "
+    r"there is no predictor or checkpoint '{}': give the path of a file from Predictor\.save, "
     r"'tactile predict --save' or 'tactile fit', or one of \['biotac_sp_slip', "
     r"'pressure_mat_side', 'simulated_hand_shape'\]"
 )

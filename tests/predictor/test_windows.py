@@ -209,10 +209,10 @@ def test_bad_recordings():
     fixed = Trials(frames(lengths=(50, 50)), pre_transform=KNNGraph(2))
     predictor, _ = predictor_of(fixed, GraspGCN("biotac", in_channels=50))
     assert predictor.recording(recording(fixed, 0)).shape == (1, 2)
-    with pytest.raises(ValueError, match=r"must have 50 frames, as the trials .* \(got 64\)"):
+    with pytest.raises(ValueError, match=r"must have 50 frames, like the trials .* \(got 64\)"):
         predictor.recording(recording(dataset, 1))
     single = Predictor(GraspGCN("biotac"), biotac(), adjacency=torch.tensor([[0, 1], [1, 0]]))
-    with pytest.raises(ValueError, match="this predictor takes single frames, not windows"):
+    with pytest.raises(ValueError, match="this predictor reads single frames, not windows"):
         single.windows(recording(dataset, 0))
 
 

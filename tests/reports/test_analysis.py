@@ -124,7 +124,7 @@ def test_same_seed_writes_the_same_page(no_pictures, tmp_path):
 
 def test_what_a_model_lacks_is_left_out(no_pictures, tmp_path):
     text = analyze(*subject(inputs=("edge",)), tmp_path, frames=20).read_text()
-    assert "this model takes no readings" in text
+    assert "this model has no tactile input" in text
     text = analyze(*subject(inputs=("tactile",)), tmp_path, frames=20).read_text()
     assert "this model has no dense edge encoder" in text
 
@@ -160,7 +160,7 @@ def test_command_reads_the_run_of_a_checkpoint(tmp_path, monkeypatch, capsys):
     model = "GraspGCN(24, 2, in_channels=1, hidden_channels=64, num_fingers=3, fusion='data')"
     assert f"`{model}`" in text
     assert "measured or generated; split by trial, split seed 0" in text
-    assert "the layout is not that of the Allegro hand" in text
+    assert "the layout is not a layout of the Allegro hand" in text
 
     # The same from a file that needs no checkpoint.
     assert main(["predict", checkpoint, "--save", "grasp.predictor"]) == 0

@@ -92,8 +92,8 @@ def test_layout_matches_same_places_only():
         ({"image_map": [[0, 0], [0, 1], [0, 1]]}, "each taxel a separate cell"),
         ({"image_map": [[0, 0], [0, 1.2], [0, 1.4]]}, "'image_map' must hold whole numbers"),
         ({"image_map": [[0, 0], [0, 1], [1 << 14, 1]]}, r"0 to 16383 \(got 16384\)"),
-        ({"name": 3}, r"'name' must be a text \(got 3\)"),
-        ({"link_names": "base"}, r"'link_names' must be a list of texts \(got 'base'\)"),
+        ({"name": 3}, r"'name' must be a string \(got 3\)"),
+        ({"link_names": "base"}, r"'link_names' must be a list of strings \(got 'base'\)"),
         ({"patch_names": ("a", "a")}, "'patch_names' must differ from one another"),
         ({"adjacency": {"a": torch.zeros(3, 2)}}, r"adjacency 'a' must have shape \(2, num_edges"),
         ({"adjacency": {"a": [[0.5], [1.0]]}}, "adjacency 'a' must hold whole numbers"),
@@ -128,7 +128,9 @@ def test_segments_unknown_kind():
 
 def test_with_adjacency_adds_or_replaces_one_and_is_the_default():
     layout = TaxelLayout("bare", POS)
-    with pytest.raises(ValueError, match=r"'name' must be given.*'bare': none; see KNNGraph \(got"):
+    with pytest.raises(
+        ValueError, match=r"'name' must be an adjacency.*'bare': none; see KNNGraph \(got"
+    ):
         layout.edge_index()
     edges = torch.tensor([[0, 1], [1, 0]])
     ring = layout.with_adjacency("ring", edges)
@@ -137,7 +139,9 @@ def test_with_adjacency_adds_or_replaces_one_and_is_the_default():
     assert (ring.name, ring.pos is layout.pos or ring.pos.equal(layout.pos)) == ("bare", True)
     two = ring.with_adjacency("line", edges[:, :1])
     assert sorted(two.adjacency) == ["line", "ring"]
-    with pytest.raises(ValueError, match=r"'name' must be given.*'ring', 'line' \(got None\)"):
+    with pytest.raises(
+        ValueError, match=r"'name' must be an adjacency.*'ring', 'line' \(got None\)"
+    ):
         two.edge_index()
     assert two.with_adjacency("original", edges.flip(0)).edge_index().equal(edges.flip(0))
     assert two.with_adjacency("ring", edges[:, 1:]).edge_index("ring").equal(edges[:, 1:])

@@ -86,7 +86,10 @@ def test_from_dict_names_segments_in_order_of_appearance():
         ({"unit": "ft"}, r"'unit' must be one of \['m', 'mm', 'in'\] \(got 'ft'\)"),
         ({"taxels": []}, "'taxels' must hold at least one taxel"),
         ({"taxels": [{"pos": [0]}]}, r"taxel 0 must have a 'pos' of two or three .* \(got \[0\]\)"),
-        ({"taxels": [{"pos": [0, 0]}, {"pos": [0, 0, 0]}]}, "'pos' must have as many numbers at e"),
+        (
+            {"taxels": [{"pos": [0, 0]}, {"pos": [0, 0, 0]}]},
+            "'pos' must have the same length for all taxels",
+        ),
         ({"taxels": [{"pos": [0, 0, 0]}, {}]}, r"taxel 1 must have a 'pos' .* \(got None\)"),
         (
             {"taxels": [{"pos": [0, 0, 0], "link": "a"}, {"pos": [0, 0, 1]}]},

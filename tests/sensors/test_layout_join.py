@@ -98,8 +98,16 @@ def test_join_of_fingertips_has_names():
     [
         ([], {}, r"'layouts' must hold at least one layout \(got none\)"),
         ([LINE, LINE], {}, r"'names' must differ from one another \(got \['line', 'line'\]\)"),
-        ([LINE, LINE], {"names": ["a"]}, r"'names' must be 2, one for each layout \(got 1\)"),
-        ([LINE, PALM], {"links": ["a"]}, r"'links' must be 2, one for each layout \(got 1\)"),
+        (
+            [LINE, LINE],
+            {"names": ["a"]},
+            r"'names' must have 2 entries, one for each layout \(got 1\)",
+        ),
+        (
+            [LINE, PALM],
+            {"links": ["a"]},
+            r"'links' must have 2 entries, one for each layout \(got 1\)",
+        ),
         ([LINE, PALM], {"links": ["a", "b"]}, r"'links' must be None .* \(got 'palm' with wrist"),
         ([LINE], {"pose": torch.eye(4)}, r"'pose' must have shape \(1, 4, 4\) \(got \(4, 4\)\)"),
         (

@@ -46,7 +46,7 @@ def test_six_sectors_are_the_six_neighbours():
     [
         ((0, 3, 0.1), r"'rows' and 'cols' must be at least 1 \(got 0 and 3\)"),
         ((3, 0, 0.1), r"'rows' and 'cols' must be at least 1 \(got 3 and 0\)"),
-        ((10**6, 2, 0.1), r"1000000 taxels at most \(got 1000000 and 2\)"),
+        ((10**6, 2, 0.1), r"at most 1000000 taxels \(got 1000000 and 2\)"),
         ((3, 3, 0.0), r"'pitch' must be a positive length in metres \(got 0.0\)"),
         ((3, 3, float("inf")), r"'pitch' must be a positive length in metres \(got inf\)"),
     ],

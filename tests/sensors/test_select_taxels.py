@@ -122,7 +122,7 @@ def test_a_thin_grid_falls_apart_until_it_is_joined_anew():
         ([False] * 6, r"'taxels' must keep at least one taxel \(got none\)"),
         ([True] * 5, r"'taxels' must have a boolean for each of 6 taxels \(got 5\)"),
         ([0, 6], r"'taxels' must be numbers from 0 to 5 \(got 6\)"),
-        ([0, 2, 0], r"'taxels' must name each taxel once \(got 3 numbers of 2 taxels\)"),
+        ([0, 2, 0], r"'taxels' must name each taxel once \(got 3 indices for 2 taxels\)"),
         ([[0, 1]], r"'taxels' must be a list of taxels, .*got shape \(1, 2\)"),
     ],
 )

@@ -80,7 +80,7 @@ def test_observations_of_a_recording_are_those_of_the_episode(recording):
         for part, other in zip(observation, expected, strict=True):
             np.testing.assert_array_equal(part, other.astype(np.float32))
     for part in ({"extra": {}}, {"joint": None}):
-        with pytest.raises(ValueError, match=r"must have all that 'record_lift' writes \(got Rec"):
+        with pytest.raises(ValueError, match=r"must come from 'record_lift' \(got Rec"):
             lift_observations(replace(recording, **part))
 
 

@@ -177,7 +177,9 @@ def test_folder_of_another_run_is_refused(undisturbed, objects, change, key):
     out, _ = undisturbed
     objects("renamed", *paper8())
     arguments = {"trials": 1, "preset": "ci"} | change
-    with pytest.raises(ValueError, match=rf"plastic_tube_000\.h5' was made with another '{key}'"):
+    with pytest.raises(
+        ValueError, match=rf"plastic_tube_000\.h5' was written with another '{key}'"
+    ):
         list(simulate(out, **arguments))
     assert len(list(out.glob("*.h5"))) == 8
 
@@ -338,9 +340,11 @@ def test_folder_of_before_spread_and_motion_had_names_is_kept(tmp_path, objects,
     meta = {key: value for key, value in recording.meta.items() if key not in unnamed}
     write_recording(replace(recording, meta=meta), report.path)
     assert [r.kept for r in simulate(tmp_path, name, trials=1, preset="ci")] == [True]
-    with pytest.raises(ValueError, match="was made with another 'spread'"):
+    with pytest.raises(ValueError, match="was written with another 'spread'"):
         list(simulate(tmp_path, name, trials=1, preset="ci", plan=GraspSpread.wide()))
-    with pytest.raises(ValueError, match=r"was made with another 'motion' \(lift, not squeeze\)"):
+    with pytest.raises(
+        ValueError, match=r"was written with another 'motion' \(lift, not squeeze\)"
+    ):
         list(simulate(tmp_path, name, trials=1, preset="ci", motion="squeeze"))
 
 

@@ -209,7 +209,7 @@ def test_finished_grasps_are_kept_and_summed_up(made, tmp_path):
     ("change", "key"), [({"seed": 1}, "seed"), ({"model": BioTacModel(noise=0)}, "fingertip")]
 )
 def test_folder_of_another_run_is_refused(made, change, key):
-    with pytest.raises(ValueError, match=rf"cylinder_0000\.h5' was made with another '{key}'"):
+    with pytest.raises(ValueError, match=rf"cylinder_0000\.h5' was written with another '{key}'"):
         list(simulate_bigs(made[0], GRASPS, **change))
 
 

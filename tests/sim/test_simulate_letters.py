@@ -165,7 +165,7 @@ def test_letter_array_by_hand_is_the_default(tmp_path):
         (
             {},
             {"seed": 1},
-            r"simulation.json': its presses .* with another 'seed' \(0, not 1\)",
+            r"simulation.json': the presses .* with another 'seed' \(0, not 1\)",
         ),
         ({}, {"press": LetterPress(bits=10)}, r"with another 'bits' \(8, not 10\); choose another"),
         (
@@ -192,10 +192,14 @@ def test_folder_of_another_layout_with_its_name(tmp_path):
     layout = thinned()
     run(tmp_path, layout=layout)
     moved = TaxelLayout("thin", layout.pos + 0.001, image_map=layout.image_map)
-    with pytest.raises(ValueError, match=r"layout.json', the layout of .* must have the taxels"):
+    with pytest.raises(
+        ValueError, match=r"layout.json', the layout of .* must have the same taxels"
+    ):
         run(tmp_path, layout=moved)
     unmapped = TaxelLayout("thin", layout.pos)
-    with pytest.raises(ValueError, match=r"layout.json', the layout of .* must have the taxels"):
+    with pytest.raises(
+        ValueError, match=r"layout.json', the layout of .* must have the same taxels"
+    ):
         run(tmp_path, layout=unmapped)
 
 

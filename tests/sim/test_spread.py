@@ -107,7 +107,7 @@ def test_without_spread_there_is_one_placement():
 @pytest.mark.parametrize("name", [field.name for field in fields(GraspSpread)])
 @pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf"), "wide", None, True])
 def test_bad_numbers_are_named(name, value):
-    with pytest.raises(ValueError, match=rf"'{name}' must be a number from 0 on \(got "):
+    with pytest.raises(ValueError, match=rf"'{name}' must be a number of at least 0 \(got "):
         GraspSpread(**{name: value})
 
 

@@ -110,6 +110,8 @@ def main() -> None:
             found[name]["accuracy"] = metrics["test/accuracy"]
     rank = on_two.global_rank
     (Path(sys.argv[1]) / f"rank{rank}.json").write_text(json.dumps(found))
+    # Without this, a thread of the group may abort the process at its exit.
+    torch.distributed.destroy_process_group()
 
 
 if __name__ == "__main__":

@@ -78,6 +78,8 @@ def main() -> None:
         "weights": [value.double().sum().item() for value in model.parameters()],
     }
     (Path(sys.argv[1]) / f"rank{trainer.global_rank}.json").write_text(json.dumps(found))
+    # Without this, a thread of the group may abort the process at its exit.
+    torch.distributed.destroy_process_group()
 
 
 if __name__ == "__main__":

@@ -50,7 +50,7 @@ def test_yaml_that_cannot_be_read_names_the_file(tmp_path, monkeypatch, name):
 def test_yaml_of_many_values_names_the_limit(tmp_path):
     path = tmp_path / "a.yaml"
     path.write_text(LAUGHS)
-    with pytest.raises(ValueError, match=r"\(more than 100000 values, or nested 50 deep\)"):
+    with pytest.raises(ValueError, match=r"\(more than 100000 values, or more than 50 levels\)"):
         read_yaml(path)
 
 
@@ -121,12 +121,12 @@ def test_checkpoint_is_loaded(checkpoint):
     [
         ({"state_dict": None}, "is not a checkpoint: it must hold 'state_dict'"),
         ({"state_dict": {}}, "RuntimeError: .*Missing key"),
-        ({"state_dict": {"model.weight": 3}}, "no TactileModule can be built from"),
-        ({"state_dict": {"model.weight": torch.zeros(3)}}, "no TactileModule can be built from"),
+        ({"state_dict": {"model.weight": 3}}, "a TactileModule cannot be built from"),
+        ({"state_dict": {"model.weight": torch.zeros(3)}}, "a TactileModule cannot be built from"),
         ({"module": None}, r"Predictor\.from_checkpoint\(path\)"),
         ({"module": 3}, "until version 0.2.0"),
         ({"module": {}}, "KeyError: 'tensors'"),
-        ({"layout": 3}, "no TactileModule can be built from"),
+        ({"layout": 3}, "a TactileModule cannot be built from"),
     ],
 )
 def test_checkpoint_with_other_contents_names_the_file(checkpoint, change, message):
@@ -145,13 +145,13 @@ def test_checkpoint_with_other_contents_names_the_file(checkpoint, change, messa
         ("arguments", {"bogus": 3}, "TypeError: .*bogus"),
         ("arguments", {1: 3}, "TypeError: .*"),
         ("arguments", {"task": "torch.load"}, "'task' must be one of"),
-        ("arguments", {"num_classes": 10**12}, "no TactileModule can be built"),
+        ("arguments", {"num_classes": 10**12}, "a TactileModule cannot be built"),
         ("description", {"class": "torch.nn.Linear"}, "there is no model 'torch.nn.Linear' in"),
-        ("description", {"class": ["GraspGCN"]}, "no TactileModule can be built"),
+        ("description", {"class": ["GraspGCN"]}, "a TactileModule cannot be built"),
         (
             "description",
             {"own": "OwnNet"},
-            "'model' must be given: .* OwnNet, which cannot be built",
+            "'model' must be given: .* 'OwnNet' cannot be built",
         ),
     ],
 )
@@ -209,8 +209,8 @@ def test_limits_of_a_yaml_file(tmp_path, monkeypatch):
     path.write_text("a: [1, 2]\nb: 3\nc: 4\n")
     assert read_yaml(path) == {"a": [1, 2], "b": 3, "c": 4}
     path.write_text("a: [1, 2]\nb: 3\nc: 4\nd: 5\n")
-    with pytest.raises(ValueError, match="more than 6 values, or nested 2 deep"):
+    with pytest.raises(ValueError, match="more than 6 values, or more than 2 levels"):
         read_yaml(path)
     path.write_text("a: [[1]]\n")
-    with pytest.raises(ValueError, match="more than 6 values, or nested 2 deep"):
+    with pytest.raises(ValueError, match="more than 6 values, or more than 2 levels"):
         read_yaml(path)

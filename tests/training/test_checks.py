@@ -244,7 +244,7 @@ def test_prediction_needs_no_labels(labelled):
 
 def test_empty_training_part(labelled):
     data = TactileDataModule(labelled("multiclass")[:0], val=0.0)
-    with pytest.raises(ValueError, match="the training part must have samples"):
+    with pytest.raises(ValueError, match="the training part must contain samples"):
         fit(TactileModule(Linear(), num_classes=3), data)
 
 

@@ -42,19 +42,25 @@ def test_settings_of_the_same_model_pass(path, caplog, config):
 @pytest.mark.parametrize(
     ("config", "difference"),
     [
-        (section("nets.Other", width=5), r"\('model.model' is Other, in the checkpoint Net\)"),
-        (section(width=5), r"\('model.model.init_args.width' is 5, in the checkpoint 4\)"),
-        (section(sizes=[1, 3]), r"'model.model.init_args.sizes' is \[1, 3\], in the check"),
-        (section(num_classes=3), r"'model.num_classes' is 3, in the checkpoint 2"),
+        (
+            section("nets.Other", width=5),
+            r"\('model.model' is Other here and Net in the checkpoint\)",
+        ),
+        (section(width=5), r"\('model.model.init_args.width' is 5 here and 4 in the checkpoint\)"),
+        (
+            section(sizes=[1, 3]),
+            r"'model.model.init_args.sizes' is \[1, 3\] here and \[1, 2\] in the check",
+        ),
+        (section(num_classes=3), r"'model.num_classes' is 3 here and 2 in the checkpoint"),
     ],
 )
 def test_settings_of_another_model_are_an_error(path, config, difference):
-    with pytest.raises(ValueError, match=rf"a\.ckpt' must hold the model of .*{difference}"):
+    with pytest.raises(ValueError, match=rf"a\.ckpt' must match the model in .*{difference}"):
         compare_settings(config, path)
 
 
 def test_settings_of_the_training_may_differ(path, caplog):
     compare_settings(section(label_smoothing=0.2), path)
-    assert "'model.label_smoothing' is 0.2, in the checkpoint 0.1" in caplog.text
+    assert "'model.label_smoothing' is 0.2 here and 0.1 in the checkpoint" in caplog.text
     torch.save({"state_dict": {}, "config": None}, path)
     compare_settings(section(width=5), path)  # nothing is known of its model

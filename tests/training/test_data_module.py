@@ -290,7 +290,7 @@ def test_data_sets_of_other_kinds_are_refused():
         TactileDataModule(None)
     with pytest.raises(TypeError, match=r"'test_dataset' must be a StaticDataset, .*\(got list\)"):
         TactileDataModule(fake(), list(fake()))
-    with pytest.raises(TypeError, match=r"'val_dataset' must be a data set of PyG, as 'dataset' "):
+    with pytest.raises(TypeError, match=r"'val_dataset' must be a PyG data set, like 'dataset' "):
         TactileDataModule(list(fake()), val_dataset=fake())
     with pytest.raises(ValueError, match=r"'test_dataset' must hold at least one sample"):
         TactileDataModule(list(fake()), [])

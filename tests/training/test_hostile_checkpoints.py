@@ -82,7 +82,7 @@ def test_import_paths_in_a_checkpoint_mean_nothing(checkpoint, tmp_path, place):
 
 @pytest.mark.parametrize("option", [{"weights_only": False}, {"hparams_file": "a.yaml"}])
 def test_options_that_run_code_are_refused(checkpoint, option):
-    with pytest.raises(ValueError, match="must be left out, since it may run code"):
+    with pytest.raises(ValueError, match="must be left out, because it may run code"):
         TactileModule.load_from_checkpoint(checkpoint(), **option)
 
 
@@ -102,7 +102,7 @@ def test_given_model_is_of_the_class_that_was_trained(checkpoint):
     module = TactileModule.load_from_checkpoint(path, model=model, optimizer=torch.optim.SGD)
     assert module.optimizer is torch.optim.SGD
     assert not any(value.any() for value in module.model.parameters())
-    with pytest.raises(ValueError, match=r"'model' must be a TactileFNN \(got Linear\)"):
+    with pytest.raises(ValueError, match=r"'model' must be of class TactileFNN \(got Linear\)"):
         TactileModule.load_from_checkpoint(path, model=torch.nn.Linear(2, 2))
 
 
@@ -279,15 +279,15 @@ def test_other_model_in_the_checkpoint_is_an_error(run, tmp_path, monkeypatch, c
     config["trainer"]["logger"] = False
     Path("a.yaml").write_text(yaml.safe_dump(config))
     assert main(["test", "--config", "a.yaml", "--ckpt_path", str(run)]) == 0
-    assert "using settings of the configuration instead of" in caplog.text
-    assert "'model.optimizer.init_args.lr' is 0.25, in the checkpoint 0.001" in caplog.text
+    assert "using settings from the configuration instead of" in caplog.text
+    assert "'model.optimizer.init_args.lr' is 0.25 here and 0.001 in the checkpoint" in caplog.text
     config["model"]["model"]["init_args"]["hidden_channels"] = 5
     Path("a.yaml").write_text(yaml.safe_dump(config))
     capsys.readouterr()
     assert main(["test", "--config", "a.yaml", "--ckpt_path", str(run)]) == 1
     said = capsys.readouterr().err
-    assert "last.ckpt' must hold the model of the configuration" in said
-    assert "'model.model.init_args.hidden_channels' is 5, in the checkpoint " in said
+    assert "last.ckpt' must match the model in the configuration" in said
+    assert "'model.model.init_args.hidden_channels' is 5 here and " in said
 
 
 def test_trainer_reads_checkpoints_as_plain_data(checkpoint, tmp_path):

@@ -109,7 +109,7 @@ def test_arguments_are_sorted_by_section():
 
 
 def test_files_that_are_no_configuration(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"there is no configuration 'none\.yaml'"):
+    with pytest.raises(FileNotFoundError, match=r"the configuration 'none\.yaml'"):
         UnparsedArguments.read(["--config", "none.yaml"])
     (tmp_path / "list.yaml").write_text("[1, 2]")
     with pytest.raises(ValueError, match=r"must be a mapping with the keys data, .*\(got list\)"):

@@ -131,7 +131,7 @@ def test_nothing_to_rank_gives_nan():
 def test_nan_is_no_class(task):
     score, y = draw(task)
     score[[3, 7], 2] = np.nan
-    match = r"'score' must not be NaN \(got NaN for 2 of 200 samples, the first is 3\); .*FillMiss"
+    match = r"'score' must not be NaN \(got NaN for 2 of 200 samples; the first is 3\); .*FillMiss"
     with pytest.raises(ValueError, match=match):
         classification_metrics(score, y, task)
 

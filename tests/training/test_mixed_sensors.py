@@ -71,7 +71,7 @@ def test_network_learns_touches_of_other_subjects(tmp_path):
     again = TactileModule.load_from_checkpoint(tmp_path / "last.ckpt", model=Attention(2, 2))
     batch = next(iter(data.test_dataloader()))
     assert again.eval()(batch).equal(model.eval()(batch))
-    with pytest.raises(ValueError, match=r"has no predictor: .* its samples share no layout"):
+    with pytest.raises(ValueError, match=r"contains no predictor: .* its samples share no layout"):
         Predictor.from_checkpoint(tmp_path / "last.ckpt")
 
 
@@ -219,7 +219,7 @@ def _square():
 
 def test_argument_that_nobody_knows_is_named():
     data = TactileDataModule(FakeTactileDataset(20))
-    with pytest.raises(ValueError, match=r"'depth' of Deep must be given, or have a default"):
+    with pytest.raises(ValueError, match=r"'depth' of Deep must be given or have a default"):
         classifier_from_config({"model": "own_models.Deep"}, data)
     given = {"class_path": "own_models.Deep", "init_args": {"depth": 3}}
     assert isinstance(classifier_from_config({"model": given}, data).model, Ring)

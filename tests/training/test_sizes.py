@@ -124,7 +124,7 @@ def test_joints_are_a_choice(labelled):
     assert filled(data, "HandedOn", num_joints=None)["num_joints"] == 3
     assert filled(data, "HandedOn", num_joints=0)["num_joints"] == 0
     assert filled(data, "HandedOn")["out_channels"] == 3  # through **kwargs
-    match = "'num_joints' of HandedOn must be left out or 0, since the data has no joint angles"
+    match = "'num_joints' of HandedOn must be left out or 0, because the data has no joint angles"
     with pytest.raises(ValueError, match=match):
         filled(grasps(), "HandedOn", num_joints=None)
 

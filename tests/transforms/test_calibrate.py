@@ -134,8 +134,8 @@ def test_file_by_hand_and_again(tmp_path):
         ({"low": [1.0, 2.0]}, "'low' and 'high' must be given together"),
         ({"low": [1.0], "high": [2.0]}, r"'low' must have shape \(2,\)"),
         ({"low": [1.0, 3.0], "high": [2.0, 2.0]}, "'low' must not be above 'high'"),
-        ({"source": 3}, "'source' must be a text"),
-        ({"lows": [1.0]}, "no other keys than .* 'lows'"),
+        ({"source": 3}, "'source' must be a string"),
+        ({"lows": [1.0]}, "must have only the keys .* 'lows'"),
     ],
 )
 def test_file_that_is_no_calibration(change, text, tmp_path):

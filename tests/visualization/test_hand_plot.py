@@ -240,7 +240,7 @@ ODD = replace(SMALL, name="odd", link_names=("base", "toe"))
     ("layout", "arguments", "match"),
     [
         (LAYOUT, {"value": torch.zeros(383)}, r"'value' must have shape \(384,\) \(got \(383,\)\)"),
-        (LAYOUT, {"joint": torch.zeros(2, 16)}, r"one frame, of shape \(16,\) \(got \(2, 16\)\)"),
+        (LAYOUT, {"joint": torch.zeros(2, 16)}, r"one frame with shape \(16,\) \(got \(2, 16\)\)"),
         (LAYOUT, {"adjacency": "round"}, r"'name' must be an adjacency .* \(got 'round'\)"),
         (LAYOUT, {"adjacency": torch.zeros(3, 2)}, r"'adjacency' must have shape \(2, num_edges\)"),
         (SMALL, {"adjacency": torch.tensor([[0], [3]])}, r"must join taxels 0 to 2 \(got 0 to 3\)"),

@@ -88,11 +88,11 @@ def test_presses_of_nothing_are_drawn():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((np.zeros((0, 6)), "", SIX), r"'readings' must be presses of shape .* \(got \(0, 6\)\)"),
-        ((np.zeros(6), "A", SIX), r"'readings' must be presses of shape .* \(got \(6,\)\)"),
+        ((np.zeros((0, 6)), "", SIX), r"'readings' must be presses with shape .* \(got \(0, 6\)\)"),
+        ((np.zeros(6), "A", SIX), r"'readings' must be presses with shape .* \(got \(6,\)\)"),
         ((np.zeros((1, 5)), "A", SIX), r"one number for each of 6 taxels \(got 5\)"),
         ((np.zeros((1, 6)), "A"), r"one number for each of 1024 taxels \(got 6\)"),
-        ((np.zeros((2, 6)), "A", SIX), r"'titles' must be one a press, 2 \(got 1\)"),
+        ((np.zeros((2, 6)), "A", SIX), r"'titles' must have 2, one per press \(got 1\)"),
     ],
     ids=["none", "flat", "short", "default", "titles"],
 )

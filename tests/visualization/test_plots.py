@@ -202,7 +202,7 @@ def test_bad_input_is_named():
         plot_confusion([[-1]], ["a"], "")
     with pytest.raises(ValueError, match="'curves' must hold at least one model"):
         plot_roc({}, "")
-    with pytest.raises(ValueError, match="'curves' must hold rates of the same length"):
+    with pytest.raises(ValueError, match="'curves' must hold rates with the same length"):
         plot_roc({"a": ([0, 1], [0], 0.5)}, "")
     with pytest.raises(ValueError, match="'curves' must hold rates from 0 to 1"):
         plot_roc({"a": ([0, 2], [0, 1], 0.5)}, "")

@@ -135,7 +135,7 @@ def test_plot_of_one_frame_shows_the_difference_to_the_median_taxel():
 def test_plot_refuses():
     with pytest.raises(ValueError, match=r"at least one frame to be drawn \(got none\)"):
         plot_recording(recording(0))
-    with pytest.raises(ValueError, match=r"'rest' must be 0 s or more \(got -1\)"):
+    with pytest.raises(ValueError, match=r"'rest' must be at least 0 seconds \(got -1\)"):
         plot_recording(recording(), rest=-1)
 
 

@@ -24,7 +24,7 @@ def test_training_is_drawn_with_the_numbers_given() -> None:
 
 
 def test_training_without_epochs_is_refused() -> None:
-    with pytest.raises(ValueError, match="'curves' must hold networks of at least one epoch"):
+    with pytest.raises(ValueError, match="'curves' must hold networks with at least one epoch"):
         plot_training({"net": _CURVES._replace(train_loss=[])}, "none")
     with pytest.raises(ValueError, match="'curves' must hold networks"):
         plot_training({}, "none")

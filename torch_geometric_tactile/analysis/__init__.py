@@ -1,5 +1,5 @@
-r"""Analysis of trained models: attributions, embeddings, confusions and calibrations. Plots are in
-:mod:`torch_geometric_tactile.visualization`.
+r"""Analysis of trained models (attributions, embeddings, confusion matrices and ROC curves), and
+calibration of readings. Plots are in :mod:`torch_geometric_tactile.visualization`.
 """
 
 from torch_geometric_tactile._removed import removed_names

@@ -21,26 +21,27 @@ from torch_geometric_tactile.nn.models._calls import (
 
 
 class IntegratedGradients(ExplainerAlgorithm):
-    r"""The integrated gradients explainer of the `"Axiomatic Attribution for Deep Networks"
-    <https://arxiv.org/abs/1703.01365>`_ paper, an algorithm for
-    :class:`torch_geometric.explain.Explainer` that needs only gradients.
+    r"""The integrated gradients explainer from the `"Axiomatic Attribution for Deep Networks"
+    <https://arxiv.org/abs/1703.01365>`_ paper. It is an algorithm for
+    :class:`torch_geometric.explain.Explainer` and needs only gradients.
 
     .. math::
         a = (\mathbf{x} - \mathbf{b}) \odot \int_0^1
         \nabla f(\mathbf{b} + t (\mathbf{x} - \mathbf{b})) \, \mathrm{d}t
 
-    The scores add up to :math:`f(\mathbf{x}) - f(\mathbf{b})` if the integral is exact. Edges
-    and all other inputs do not change. The algorithm explains raw outputs and log-probabilities.
-    The :obj:`node_mask_type` may be :obj:`"attributes"` or :obj:`"object"`; edges have no mask.
+    If the integral is exact, the scores sum to :math:`f(\mathbf{x}) - f(\mathbf{b})`. Edges and all
+    other inputs are kept constant. The algorithm explains raw outputs and log-probabilities. The
+    :obj:`node_mask_type` may be :obj:`"attributes"` or :obj:`"object"`. Edge masks are not
+    supported.
 
     Args:
         num_steps (int): Number of points at which the gradient is computed (midpoint rule).
-        baseline (torch.Tensor, optional): The reference input :math:`\mathbf{b}`, of the shape of
-            :obj:`x`. By default zero, which is the mean reading after
+        baseline (torch.Tensor, optional): The reference input :math:`\mathbf{b}`, with the shape of
+            :obj:`x`. Defaults to zero, which is the mean reading after
             :class:`~torch_geometric_tactile.transforms.ZScore`.
 
     Raises:
-        ValueError: If :obj:`num_steps` is below one, or :obj:`baseline` has another shape than
+        ValueError: If :obj:`num_steps` is below one, or :obj:`baseline` does not have the shape of
             :obj:`x`.
 
     Examples:
@@ -95,7 +96,7 @@ class IntegratedGradients(ExplainerAlgorithm):
               :obj:`"object"`
 
         Raises:
-            ValueError: If the baseline has another shape than :obj:`x`.
+            ValueError: If the baseline does not have the shape of :obj:`x`.
         """
         baseline = torch.zeros_like(x) if self.baseline is None else self.baseline.to(x)
         if baseline.shape != x.shape:
@@ -110,7 +111,7 @@ class IntegratedGradients(ExplainerAlgorithm):
             point = (baseline + fraction * difference).detach().requires_grad_()
             with torch.enable_grad():
                 out = self._explained_sum(model(point, edge_index, **kwargs), target, index)
-            if out.requires_grad:  # A model may use only other inputs.
+            if out.requires_grad:  # a model may ignore the readings
                 (gradient,) = torch.autograd.grad(out, point, allow_unused=True)
                 total += torch.zeros_like(point) if gradient is None else gradient
         score = difference * total / self.num_steps
@@ -119,7 +120,8 @@ class IntegratedGradients(ExplainerAlgorithm):
         return Explanation(node_mask=score)
 
     def _explained_sum(self, out: Tensor, target: Tensor, index: int | Tensor | None) -> Tensor:
-        # The sum over samples: samples do not interact, so its gradient is that of each sample.
+        # Returns the sum over samples. Samples do not interact, so the gradient of the sum holds
+        # the gradient of each sample.
         if self.model_config.mode == ModelMode.multiclass_classification:
             out = out.gather(1, target.view(-1, 1))
         return out.sum() if index is None else out[index].sum()
@@ -146,9 +148,9 @@ def taxel_attribution(
     r"""Returns the contribution of each taxel's reading to the logit of a class or label, computed
     with :class:`torch_geometric.explain.Explainer`.
 
-    With :class:`IntegratedGradients`, the scores of a sample add up to its logit minus that of the
-    baseline. Only readings :obj:`x` are explained; the other inputs of the model, such as joint
-    angles, do not change. Scores are in units of the logit and are not scaled.
+    With :class:`IntegratedGradients`, the scores of a sample sum to its logit minus the logit of
+    the baseline. Only the readings :obj:`x` are explained. Other inputs of the model, such as joint
+    angles, are kept constant. Scores are in units of the logit and are not scaled.
 
     Args:
         model (torch.nn.Module): The model. It is called as :obj:`model(x, edge_index, ...)` with
@@ -158,9 +160,9 @@ def taxel_attribution(
             :class:`~torch_geometric.data.Data` or PyG's :class:`~torch_geometric.data.Batch`.
         target (int or torch.Tensor): The class or label to explain, for all samples or for each
             sample :math:`(B,)`.
-        algorithm (ExplainerAlgorithm, optional): An algorithm of PyG that masks node features, such
-            as :class:`~torch_geometric.explain.GNNExplainer` or
-            :class:`~torch_geometric.explain.CaptumExplainer`. By default
+        algorithm (ExplainerAlgorithm, optional): An algorithm from PyG that masks node features,
+            such as :class:`~torch_geometric.explain.GNNExplainer` or
+            :class:`~torch_geometric.explain.CaptumExplainer`. Defaults to
             :class:`IntegratedGradients`.
         per_sample (bool): Whether to return the scores of each sample instead of their mean.
 
@@ -168,8 +170,8 @@ def taxel_attribution(
         - **output:** :math:`(N,)`, or :math:`(B, N)` with :obj:`per_sample`
 
     Raises:
-        ValueError: If :obj:`batch` lacks an input of the model or is empty, or :obj:`target` has
-            another shape or an unknown class.
+        ValueError: If :obj:`batch` lacks an input of the model or is empty, or if :obj:`target` has
+            the wrong shape or an unknown class.
 
     Examples:
         >>> from torch_geometric_tactile.nn import TaxelNet
@@ -189,7 +191,7 @@ def taxel_attribution(
         model_config={"mode": "regression", "task_level": "graph", "return_type": "raw"},
     )
     x = samples.x.detach()
-    # PyG's masks have two dimensions, so the samples are joined in the first.
+    # PyG's masks have two dimensions, so the samples are joined in the first dimension.
     mask = explainer(x.reshape(-1, x.size(-1)), samples.edge_index).node_mask
     score = mask.detach().view(samples.num_samples, samples.num_nodes, -1).sum(dim=-1)
     return score if per_sample else score.mean(dim=0)
@@ -204,11 +206,12 @@ def patch_occlusion(
     reference: Tensor | None = None,
     per_sample: bool = False,
 ) -> Tensor:
-    r"""Returns the decrease of the logit of a class or label when the readings of a patch are
-    replaced by their mean. It checks :func:`taxel_attribution` without gradients.
+    r"""Returns by how much the logit of a class or label decreases when the readings of a patch are
+    replaced by their mean. Use it to check :func:`taxel_attribution` without gradients.
 
-    A patch with the same information as other patches has no score, since the others remain. A mean
-    is smoother than any reading, so that a large patch of pure noise may have a score.
+    If other patches hold the same information, the score of a patch is zero, since the other
+    patches remain. A large patch of pure noise may have a nonzero score, since a mean is smoother
+    than any reading.
 
     Args:
         model (torch.nn.Module): As in :func:`taxel_attribution`.
@@ -216,8 +219,8 @@ def patch_occlusion(
         target (int or torch.Tensor): The class or label, for all samples or for each sample
             :math:`(B,)`.
         segment (torch.Tensor): Patch of each taxel.
-        reference (torch.Tensor, optional): Replacement of the readings. By default the mean reading
-            over the samples of the batch.
+        reference (torch.Tensor, optional): Replacement for the readings. Defaults to the mean
+            reading over the samples of the batch.
         per_sample (bool): Whether to return the decreases of each sample instead of their mean.
 
     Shapes:
@@ -227,8 +230,8 @@ def patch_occlusion(
           with :obj:`per_sample`
 
     Raises:
-        ValueError: If :obj:`segment` or :obj:`reference` has another shape, :obj:`reference` is
-            missing for a single sample, or an argument is invalid in :func:`taxel_attribution`.
+        ValueError: If :obj:`segment` or :obj:`reference` has the wrong shape, :obj:`reference` is
+            missing for a single sample, or :func:`taxel_attribution` would reject an argument.
 
     Examples:
         >>> from torch_geometric_tactile.data import StaticData
@@ -246,7 +249,10 @@ def patch_occlusion(
     if segment.shape != shape[1:2]:
         raise ValueError(f"'segment' must have shape ({shape[1]},) (got {tuple(segment.shape)})")
     if reference is None:
-        need(shape[0] != 1, "'reference' must be given for a single sample (its mean is itself)")
+        need(
+            shape[0] != 1,
+            "'reference' must be given for a single sample, since its mean is the sample itself",
+        )
         reference = x.view(shape).mean(dim=0)
     if reference.shape != shape[1:]:
         raise ValueError(f"'reference' must have shape {shape[1:]} (got {tuple(reference.shape)})")
@@ -265,7 +271,7 @@ def patch_occlusion(
 
 
 class _Samples(Module):
-    # The model on the samples of one batch, as a function of readings in any shape. It returns the
+    # The model for the samples of one batch, as a function of readings in any shape. It returns the
     # logit of each sample's target.
     def __init__(self, model: Module, batch: Data, target: int | Tensor) -> None:
         super().__init__()
@@ -275,9 +281,9 @@ class _Samples(Module):
             batch = batch.to_batch()
         missing = [name for name in ("x", *edges, *names) if batch.get(name) is None]
         if missing:
-            raise ValueError(f"'batch' must have '{missing[0]}', which the model takes (got none)")
+            raise ValueError(f"'batch' must have '{missing[0]}', which the model needs (got none)")
         self.model = model
-        # Otherwise the explainer would leave the model in training mode.
+        # Otherwise, the explainer would leave the model in training mode.
         self.training = model.training
         self.x = batch.x
         # PyG's explainers require edges, even for a model without a graph.
@@ -288,7 +294,10 @@ class _Samples(Module):
             self.num_samples = batch.num_samples
         else:
             self.num_samples = batch.num_graphs if isinstance(batch, Batch) else 1
-        need(batch.x.numel() != 0, f"'batch' must hold samples (got 'x' of {tuple(batch.x.shape)})")
+        need(
+            batch.x.numel() != 0,
+            f"'batch' must hold samples (got 'x' of shape {tuple(batch.x.shape)})",
+        )
         self.num_nodes = batch.x.numel() // batch.x.size(-1) // self.num_samples
         self.inputs = {name: batch[name] for name in names}
         if takes_batch(model):

@@ -16,28 +16,29 @@ from torch_geometric_tactile.transforms._polynomial import (
 )
 
 _STRENGTHS = tuple(10.0**power for power in range(-5, 4))
-_MAX_TERMS = 10_000  # of the polynomial, to limit time and memory
-# With fewer recordings, blocks of recordings are held out for the selection, since a fit on a
-# single recording would say little.
+_MAX_TERMS = 10_000  # terms of the polynomial, to limit time and memory
+# With fewer recordings, blocks of recordings are held out for the selection, since the error of a
+# fit on a single recording would be unreliable.
 _MIN_RECORDINGS_TO_HOLD_OUT = 3
 _NUM_BLOCKS = 5
 
 
 class CalibrationFit(NamedTuple):
-    r"""The result of :func:`fit_calibration`: a calibration, and its errors on held-out recordings.
+    r"""The result of :func:`fit_calibration`: a calibration and its errors on held-out recordings.
 
     Args:
         calibrate (Calibrate): The calibration, fitted on all recordings.
-        strength (float): Strength of its ridge regression.
-        rmse (torch.Tensor): Root mean square error on each recording, where the calibration was
-            fitted and degree and strength were selected on the other recordings :math:`(R, D)`.
-        deviation (torch.Tensor): Standard deviation of the measured forces of each recording
+        strength (float): Regularisation strength of the ridge regression.
+        rmse (torch.Tensor): Root mean square error on each recording :math:`(R, D)`. For each
+            recording, the calibration was fitted on the other recordings, which were also used to
+            select degree and strength.
+        deviation (torch.Tensor): Standard deviation of the measured forces in each recording
             :math:`(R, D)`.
-        beyond (torch.Tensor): Fraction of the forces of each recording whose readings are outside
-            of the range of the other recordings :math:`(R,)`.
-        degrees (tuple of int): Degree that was selected on the other recordings, for each
-            recording.
-        num_forces (int): Number of forces that the calibration was fitted on.
+        beyond (torch.Tensor): Fraction of the forces in each recording whose readings are outside
+            the range of the other recordings :math:`(R,)`.
+        degrees (tuple of int): For each recording, the degree that was selected on the other
+            recordings.
+        num_forces (int): Number of forces on which the calibration was fitted.
 
     Examples:
         >>> x = torch.rand(60, 5, 3)
@@ -58,13 +59,13 @@ class CalibrationFit(NamedTuple):
 
 
 class _Frames(NamedTuple):
-    r"""Frames with readings, forces and recordings.
+    r"""Frames with their readings, forces and recordings.
 
     Either all taxels form one group (:math:`G = 1`), or each taxel is a group (:math:`N = 1`).
 
     Shapes:
         - **x:** readings :math:`(G, N, S, C)`
-        - **force:** measured forces, NaN where unknown :math:`(G, S, D)`
+        - **force:** measured forces, NaN if unknown :math:`(G, S, D)`
         - **recording:** recording of each frame :math:`(S,)`
     """
 
@@ -78,8 +79,8 @@ class _Frames(NamedTuple):
         return ~self.force.isnan().any(dim=-1)
 
     def hold_out(self, part: Tensor) -> Iterator[tuple["_Frames", "_Frames"]]:
-        r"""Yields, for each part, the frames with the forces of the other parts, and the frames
-        with the forces of that part.
+        r"""Yields two sets of frames for each part: one with the forces of all other parts, and one
+        with the forces of this part.
         """
         for index in part[self.is_measured].unique():
             is_held_out = (part == index).unsqueeze(-1)
@@ -90,7 +91,8 @@ class _Frames(NamedTuple):
 
     def selection_parts(self) -> Tensor:
         r"""Returns the parts that are held out in turn to select degree and strength
-        :math:`(G, S)`: the recordings, or five blocks of each if there are one or two.
+        :math:`(G, S)`. These are the recordings or, if there are only one or two recordings, five
+        blocks of each.
         """
         is_measured, part = self.is_measured, self.recording.expand(len(self.force), -1)
         recordings = part[is_measured].unique()
@@ -105,7 +107,7 @@ class _Frames(NamedTuple):
 
 
 class _Fit(NamedTuple):
-    r"""Coefficients for each strength :math:`(A, G, N, M, D)`, and the range of the readings
+    r"""The coefficients for each strength :math:`(A, G, N, M, D)`, and the range of the readings
     :math:`(G, N, C)`.
     """
 
@@ -124,7 +126,7 @@ class _Fit(NamedTuple):
         return total
 
     def fraction_outside(self, frames: _Frames) -> Tensor:
-        r"""Returns the fraction of the measured forces with a reading outside of the range."""
+        r"""Returns the fraction of the measured forces with a reading outside the range."""
         low, high = self.low.unsqueeze(-2), self.high.unsqueeze(-2)
         is_outside = ((frames.x < low) | (frames.x > high)).any(-1).any(1)
         return is_outside[frames.is_measured].double().mean()
@@ -141,45 +143,46 @@ def fit_calibration(
     units: tuple[str, str] = ("count", "newton"),
     source: str = "",
 ) -> CalibrationFit:
-    r"""Fits a polynomial from readings to forces by ridge regression
-    (:class:`~sklearn.linear_model.Ridge`), and measures its error on each recording after a fit on
+    r"""Fits a polynomial that maps readings to forces by ridge regression
+    (:class:`~sklearn.linear_model.Ridge`). Also measures the error on each recording after a fit on
     the other recordings.
 
     The readings are first scaled to their range. Degree and strength are selected by the smallest
-    error on recordings held out *of the recordings for fitting*; the recording whose error is
-    measured never influences the selection. If only one or two recordings are left for fitting,
-    contiguous fifths of each are held out instead.
+    error on recordings that are held out *from the recordings used for fitting*. The recording
+    whose error is measured never influences the selection. If only one or two recordings are left
+    for fitting, contiguous fifths of each recording are held out instead.
 
     Consecutive frames of a recording are nearly equal. A random split of frames would therefore
-    measure how well the fit remembers forces.
+    measure how well the fit memorises forces.
 
     Args:
         x (torch.Tensor): The readings.
-        force (torch.Tensor): The measured forces, NaN where unknown.
+        force (torch.Tensor): The measured forces, NaN if unknown.
         recording (torch.Tensor): Recording of each frame.
-        per (str): :obj:`"sensor"` for a force of all readings, or :obj:`"taxel"` for forces of each
-            taxel from its channels.
+        per (str): :obj:`"sensor"` to compute a force from the readings of all taxels, or
+            :obj:`"taxel"` to compute a force for each taxel from its channels.
         degrees (sequence of int): Candidate degrees. Degrees with more than ten thousand terms are
             skipped.
-        strengths (sequence of float): Candidate strengths of the ridge regression.
+        strengths (sequence of float): Candidate regularisation strengths of the ridge regression.
         units (tuple of str): Units of readings and forces, for :class:`Calibrate`.
-        source (str): Description of the recordings, for :class:`Calibrate`. Strength and errors are
-            appended.
+        source (str): Description of the recordings, for :class:`Calibrate`. The strength and the
+            errors are appended.
 
     Shapes:
         - **x:** :math:`(S, N, C)`
-        - **force:** of the sensor :math:`(S,)` or :math:`(S, D)`, of taxels :math:`(S, N, D)`
+        - **force:** forces on the sensor :math:`(S,)` or :math:`(S, D)`, or on each taxel
+          :math:`(S, N, D)`
         - **recording:** :math:`(S,)`
 
     Raises:
-        ValueError: If there are fewer than two recordings, the shapes do not fit, a recording has
-            no measured force, or a taxel has none in the recordings for fitting.
+        ValueError: If there are fewer than two recordings, the shapes do not match, a recording has
+            no measured force, or a taxel has no measured force in the recordings used for fitting.
     """
     frames = _checked_frames(x, force, recording, per)
     _, num_taxels, _, num_channels = frames.x.shape
     sizes = {degree: num_taxels * num_terms(num_channels, degree) for degree in degrees}
     candidates = [degree for degree, size in sizes.items() if size <= _MAX_TERMS]
-    need(candidates, f"'degrees' must make {_MAX_TERMS} terms at most", sizes)
+    need(candidates, f"'degrees' must yield at most {_MAX_TERMS} terms", sizes)
     rmse, deviation, beyond, selected_degrees = [], [], [], []
     for train, test in frames.hold_out(frames.recording.expand(len(frames.force), -1)):
         fit, _ = _select_fit(train, candidates, strengths)
@@ -205,7 +208,7 @@ def fit_calibration(
 
 
 def _checked_frames(x: Tensor, force: Tensor, recording: Tensor, per: str) -> _Frames:
-    # The frames with a known force, sorted by recording.
+    # Returns the frames with a known force, sorted by recording.
     x, force = torch.as_tensor(x).double(), torch.as_tensor(force).double()
     recording = torch.as_tensor(recording)
     need_argument(
@@ -231,7 +234,7 @@ def _checked_frames(x: Tensor, force: Tensor, recording: Tensor, per: str) -> _F
     recordings = recording.unique()
     if len(recordings) < 2:
         raise ValueError(
-            "'recording' must be of two recordings or more, since the error is measured on a "
+            "'recording' must name at least two recordings, since the error is measured on a "
             f"held-out recording (got {len(recordings)})"
         )
     for index in recordings.tolist():
@@ -247,7 +250,8 @@ def _checked_frames(x: Tensor, force: Tensor, recording: Tensor, per: str) -> _F
 def _select_fit(
     frames: _Frames, degrees: Sequence[int], strengths: Sequence[float]
 ) -> tuple[_Fit, float]:
-    # The fit on all frames with the degree and strength of the smallest error on held-out parts.
+    # Returns the fit on all frames with the degree and strength that have the smallest error on
+    # held-out parts.
     if len(degrees) == len(strengths) == 1:
         return _fit(frames, degrees[0], strengths), strengths[0]
     errors, parts = [], frames.selection_parts()
@@ -269,7 +273,7 @@ def _fit(frames: _Frames, degree: int, strengths: Sequence[float]) -> _Fit:
         need_argument(
             is_measured.any(),
             "force",
-            f"must be measured in two recordings or more, and more than once, on each "
+            f"must be measured in at least two recordings, and more than once, on each "
             f"taxel (got fewer on taxel {taxel})",
         )
         x, force = x[:, is_measured], force[is_measured]
@@ -285,9 +289,9 @@ def _terms(x: Tensor, low: Tensor, high: Tensor, degree: int) -> Tensor:
 
 
 def _ridge(terms: np.ndarray, force: np.ndarray, strengths: Sequence[float]) -> Tensor:
-    # Coefficients (A, N, M, D). The targets are repeated for each strength, so that all strengths
-    # share one singular value decomposition. The first term of each taxel is constant; it gets an
-    # equal part of the intercept.
+    # Returns the coefficients (A, N, M, D). The targets are repeated for each strength, so that all
+    # strengths share one singular value decomposition. The first term of each taxel is constant and
+    # gets an equal share of the intercept.
     num_taxels, num_frames, terms_per_taxel = terms.shape
     inputs = terms[..., 1:].transpose(1, 0, 2).reshape(num_frames, -1)
     ridge = Ridge(np.repeat(strengths, force.shape[1]), solver="svd")

@@ -10,17 +10,17 @@ from torch_geometric_tactile.analysis.embedding import node_matrix
 
 
 class SegmentClustering(NamedTuple):
-    r"""The result of :func:`segment_clustering`: measures of the clusters that the segments of
-    nodes form in the space of their features.
+    r"""The result of :func:`segment_clustering`: measures of how well the segments of nodes form
+    clusters in feature space.
 
     Args:
         silhouette (float): Mean silhouette over the nodes. It is 1 if segments are compact and far
-            apart, 0 if they overlap, and negative if nodes are nearer to another segment than to
-            their own.
-        by_segment (torch.Tensor): Mean silhouette of each segment :math:`(S,)`; NaN if a segment
+            apart, 0 if they overlap, and negative if nodes are nearer to a different segment.
+        by_segment (torch.Tensor): Mean silhouette of each segment :math:`(S,)`, NaN if a segment
             has no node.
         neighbor_share (float): Fraction of the nearest neighbours that are in the same segment.
-        chance_share (float): Expected fraction if features were independent of segments.
+        chance_share (float): Fraction that would be expected if features were independent of
+            segments.
 
     Examples:
         >>> features = torch.tensor([[0.0], [0.1], [5.0], [5.1]])
@@ -41,18 +41,18 @@ def segment_clustering(
     frames: Literal["joined", "mean"] = "joined",
     num_neighbors: int = 10,
 ) -> SegmentClustering:
-    r"""Measures the clusters of segments in the space of the features, by Euclidean distance.
-    Unlike an image of :func:`embed_nodes`, the measures do not depend on an embedding.
+    r"""Measures how well segments form clusters in feature space, based on Euclidean distance.
+    Unlike an image from :func:`embed_nodes`, these measures do not depend on an embedding.
 
-    Convolutions make neighbours on the graph similar, and segments with separate weights differ
-    even without training. Only the difference from the readings and from an untrained model was
-    learnt.
+    Segments may form clusters even without training: convolutions make neighbours on the graph
+    similar, and segments with separate weights differ. Compare the measures with those for the
+    readings and for an untrained model to find out what was learnt.
 
     Args:
         features (torch.Tensor): Node features of several frames or of one frame.
         segment (torch.Tensor): Segment of each node, such as
             :meth:`layout.segments("patch") <torch_geometric_tactile.sensors.TaxelLayout.segments>`.
-        frames (str): Combination of the frames, see
+        frames (str): How to combine the frames. See
             :func:`~torch_geometric_tactile.analysis.node_matrix`, which also scales the features.
         num_neighbors (int): Number of nearest neighbours for :obj:`neighbor_share`.
 
@@ -61,9 +61,10 @@ def segment_clustering(
         - **segment:** :math:`(N,)`
 
     Raises:
-        ValueError: If :obj:`segment` has another shape, all nodes are in one segment or each in a
-            separate one, :obj:`num_neighbors` is not between 1 and the number of other nodes, or an
-            argument is invalid in :func:`~torch_geometric_tactile.analysis.node_matrix`.
+        ValueError: If :obj:`segment` has the wrong shape, all nodes are in one segment, each node
+            is in a separate segment, :obj:`num_neighbors` is not between 1 and the number of nodes
+            minus one, or :func:`~torch_geometric_tactile.analysis.node_matrix` would reject an
+            argument.
 
     Examples:
         >>> features = torch.tensor([[0.0], [0.1], [5.0], [5.1]])
@@ -78,7 +79,7 @@ def segment_clustering(
     num_nodes = len(rows)
     if segment.shape != (num_nodes,) or int(segment.min()) < 0:
         raise ValueError(
-            f"'segment' must hold {num_nodes} numbers from 0, one for each node "
+            f"'segment' must hold {num_nodes} numbers of at least 0, one for each node "
             f"(got shape {tuple(segment.shape)})"
         )
     num_segments = len(segment.unique())

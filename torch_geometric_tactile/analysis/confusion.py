@@ -15,11 +15,11 @@ def class_confusion(y: Tensor, prediction: Tensor, num_classes: int) -> Tensor:
 
     Shapes:
         - **y, prediction:** :math:`(S,)`
-        - **output:** numbers of samples, with true classes as rows and predicted classes as columns
-          :math:`(C, C)`
+        - **output:** number of samples for each pair of a true class (row) and a predicted class
+          (column) :math:`(C, C)`
 
     Raises:
-        ValueError: If the shapes differ, there is no sample, or a class is not from 0 to
+        ValueError: If the shapes differ, there is no sample, or a class is not between 0 and
             :math:`C - 1`.
 
     Examples:
@@ -62,7 +62,7 @@ def label_confusion(y: Tensor, prediction: Tensor) -> Tensor:
     for name, value in (("y", y), ("prediction", prediction)):
         if not ((value == 0) | (value == 1)).all():
             raise ValueError(
-                f"'{name}' must hold 0 and 1 only (got {int(value.min())} to {int(value.max())})"
+                f"'{name}' must hold only 0 and 1 (got {int(value.min())} to {int(value.max())})"
             )
     counts = [
         multilabel_confusion_matrix(a.numpy(), b.numpy(), labels=[1])[0]

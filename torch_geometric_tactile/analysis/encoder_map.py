@@ -1,4 +1,4 @@
-r"""Analysis of the weights of the dense encoder of edge features."""
+r"""Analysis of the weights in the dense encoder of edge features."""
 
 import copy
 from typing import NamedTuple
@@ -13,15 +13,15 @@ from torch_geometric_tactile._checks import need
 
 
 class EdgeSeparation(NamedTuple):
-    r"""The result of :func:`edge_separation`: the separation of edges between segments from edges
-    within a segment by a value of each edge.
+    r"""The result of :func:`edge_separation`: how well a value of each edge separates edges between
+    segments from edges within segments.
 
     Args:
         auc (float): Probability that an edge between segments has a larger value than an edge
-            within one, where ties count half: 0.5 is chance, 1 if all are larger, 0 if all are
-            smaller.
-        between_mean (float): Mean value of the edges between segments.
-        within_mean (float): Mean value of the edges within a segment.
+            within a segment. Ties count half. The AUC is 0.5 by chance, 1 if all edges between
+            segments have larger values, and 0 if all have smaller values.
+        between_mean (float): Mean value of edges between segments.
+        within_mean (float): Mean value of edges within a segment.
         num_between (int): Number of edges between segments.
         num_within (int): Number of edges within a segment.
 
@@ -44,23 +44,25 @@ def encoder_blocks(
     edge_dim: int = 4,
     out_channels: int = 4,
 ) -> Tensor:
-    r"""Returns the strength of each edge's influence on each node in a dense encoder of edge
-    features: the mean absolute weight between the features of the edge and those of the node.
+    r"""Returns how strongly each edge influences each node in a dense encoder of edge features. The
+    strength is the mean absolute weight between the features of the edge and the features of the
+    node.
 
     Args:
-        weight (torch.Tensor or torch.nn.Module): The weight, with the features of node after node
-            as rows and of edge after edge as columns, or an encoder with that :obj:`lin.weight`.
+        weight (torch.Tensor or torch.nn.Module): The weight, or an encoder with this weight as
+            :obj:`lin.weight`. The rows are the features of one node after another, and the columns
+            are the features of one edge after another.
         num_nodes (int, optional): Number of taxels :math:`N`, to check the weight.
         num_edges (int, optional): Number of edges :math:`|\mathcal{E}|`, to check the weight.
-        edge_dim (int): Number of features of an edge :math:`D`.
-        out_channels (int): Number of features of a node :math:`C`.
+        edge_dim (int): Number of features per edge :math:`D`.
+        out_channels (int): Number of features per node :math:`C`.
 
     Shapes:
         - **weight:** :math:`(N \cdot C, |\mathcal{E}| \cdot D)`
         - **output:** :math:`(|\mathcal{E}|, N)`, in double precision
 
     Raises:
-        ValueError: If there is no weight, or it has another shape.
+        ValueError: If there is no weight, or the weight has the wrong shape.
 
     Examples:
         >>> encoder_blocks(torch.tensor([[1.0, -3.0, 0.0, 4.0]]), edge_dim=2, out_channels=1)
@@ -97,28 +99,29 @@ def encoder_map(
     out_channels: int = 4,
 ) -> Tensor:
     r"""Returns the map of edges in fig. 7 of the "Tactile Object Property Recognition using
-    Geometrical Graph Edge Features and Multi-Thread Graph Convolutional Network" paper: the first
-    principal component of :func:`encoder_blocks` for each edge, where edges are samples and nodes
-    are variables.
+    Geometrical Graph Edge Features and Multi-Thread Graph Convolutional Network" paper. The value
+    of an edge is the first principal component of :func:`encoder_blocks`, where edges are samples
+    and nodes are variables.
 
-    The sign of a principal component is arbitrary. Here it is chosen such that the correlation of
-    the component with an edge's mean absolute weight over all nodes is not negative, so that larger
-    values are edges with larger weights. The paper does not define the sign, so red and blue may be
-    swapped between its maps.
+    The sign of a principal component is arbitrary. Here, it is chosen so that larger values mean
+    larger weights: the correlation between the component and the mean absolute weight of the edges
+    over all nodes is not negative. The paper does not define the sign, so red and blue may be
+    swapped in its maps.
 
     Args:
         weight (torch.Tensor or torch.nn.Module): As in :func:`encoder_blocks`.
         num_nodes (int, optional): Number of taxels :math:`N`, to check the weight.
         num_edges (int, optional): Number of edges :math:`|\mathcal{E}|`, to check the weight.
-        edge_dim (int): Number of features of an edge.
-        out_channels (int): Number of features of a node.
+        edge_dim (int): Number of features per edge.
+        out_channels (int): Number of features per node.
 
     Shapes:
         - **weight:** :math:`(N \cdot C, |\mathcal{E}| \cdot D)`
         - **output:** :math:`(|\mathcal{E}|,)`, with mean zero
 
     Raises:
-        ValueError: If there is no weight, it has another shape, or there are fewer than two edges.
+        ValueError: If there is no weight, the weight has the wrong shape, or there are fewer than
+            two edges.
 
     Examples:
         >>> weight = torch.tensor([[1.0, -2.0, 6.0]])  # one node, three edges
@@ -126,7 +129,7 @@ def encoder_map(
         tensor([-2., -1.,  3.])
     """
     blocks = encoder_blocks(weight, num_nodes, num_edges, edge_dim, out_channels)
-    need(len(blocks) >= 2, "'weight' must be of at least two edges", len(blocks))
+    need(len(blocks) >= 2, "'weight' must have at least two edges", len(blocks))
     need(blocks.isfinite().all(), "'weight' must hold finite numbers only (got NaN or infinity)")
     # Centred here, since scikit-learn divides by the variance, which may be zero.
     centred = blocks - blocks.mean(dim=0)
@@ -139,12 +142,12 @@ def encoder_map(
 
 
 def edge_separation(value: Tensor, edge_index: Tensor, segment: Tensor) -> EdgeSeparation:
-    r"""Measures the separation of edges between segments from edges within a segment by a value of
-    each edge.
+    r"""Measures how well a value of each edge separates edges between segments from edges within
+    segments.
 
     With patches as segments, this quantifies the paper's interpretation of its map. To check
-    whether the separation was learnt, compare it with :func:`untrained_separation` and with that of
-    the edge lengths (:obj:`edge_attr[:, 0]`), since longer edges have larger gradients.
+    whether the separation was learnt, compare it with :func:`untrained_separation` and with the
+    separation by edge length (:obj:`edge_attr[:, 0]`), since longer edges have larger gradients.
 
     Args:
         value (torch.Tensor): One value for each edge.
@@ -159,8 +162,8 @@ def edge_separation(value: Tensor, edge_index: Tensor, segment: Tensor) -> EdgeS
         - **segment:** :math:`(N,)`
 
     Raises:
-        ValueError: If a shape does not fit, a value is not finite, or all edges are between
-            segments or all within segments.
+        ValueError: If a shape does not match, a value is not finite, all edges are between
+            segments, or all edges are within segments.
 
     Examples:
         >>> edge_index = torch.tensor([[0, 1, 1], [1, 0, 2]])
@@ -187,7 +190,7 @@ def edge_separation(value: Tensor, edge_index: Tensor, segment: Tensor) -> EdgeS
     between = segment[edge_index[0]] != segment[edge_index[1]]
     if between.all() or not between.any():
         raise ValueError(
-            "'segment' must leave edges within and between segments "
+            "'segment' must leave edges within segments and edges between segments "
             f"(got {int(between.sum())} of {len(between)} between)"
         )
     return EdgeSeparation(
@@ -207,25 +210,24 @@ def untrained_separation(
     edge_dim: int = 4,
     out_channels: int = 4,
 ) -> Tensor:
-    r"""Returns the AUC of :func:`edge_separation` for copies of an encoder with random weights.
-    Only the difference of a trained encoder from these values was learnt.
+    r"""Returns the AUC from :func:`edge_separation` for copies of an encoder with random weights.
+    Only the difference between a trained encoder and these values was learnt.
 
     Args:
-        encoder (torch.nn.Module): The encoder, with :obj:`lin.weight` and
-            :obj:`reset_parameters`. It does not change, and neither does the state of the global
-            random generator.
+        encoder (torch.nn.Module): The encoder, with :obj:`lin.weight` and :obj:`reset_parameters`.
+            Neither the encoder nor the state of the global random generator changes.
         edge_index (torch.Tensor): The edges :math:`(2, |\mathcal{E}|)`.
         segment (torch.Tensor): Segment of each taxel :math:`(N,)`.
-        num_seeds (int): Number of copies, with the seeds 0, 1, 2 and so on.
-        edge_dim (int): Number of features of an edge.
-        out_channels (int): Number of features of a node.
+        num_seeds (int): Number of copies. Their seeds are 0, 1, 2 and so on.
+        edge_dim (int): Number of features per edge.
+        out_channels (int): Number of features per node.
 
     Shapes:
         - **output:** :math:`(S,)` for :math:`S` seeds
 
     Raises:
-        ValueError: If :obj:`num_seeds` is below one, or an argument is invalid in
-            :func:`encoder_map` or :func:`edge_separation`.
+        ValueError: If :obj:`num_seeds` is below one, or :func:`encoder_map` or
+            :func:`edge_separation` would reject an argument.
 
     Examples:
         >>> from torch_geometric_tactile.nn import EdgeFeatureEncoder

@@ -1,4 +1,4 @@
-r"""Receiver operating characteristics of several classes or labels."""
+r"""Receiver operating characteristic (ROC) curves of classes or labels."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,8 +13,8 @@ MACRO = "mean of all"
 
 
 class RocCurve(NamedTuple):
-    r"""A receiver operating characteristic (ROC) curve, as
-    :func:`~torch_geometric_tactile.visualization.plot_roc` draws it.
+    r"""A receiver operating characteristic (ROC) curve. Plot it with
+    :func:`~torch_geometric_tactile.visualization.plot_roc`.
 
     Args:
         fpr (numpy.ndarray): False positive rates :math:`(P,)`, in ascending order.
@@ -34,15 +34,15 @@ class RocCurve(NamedTuple):
 
 
 def roc_curves(y: Tensor, score: Tensor, names: Sequence[str]) -> dict[str, RocCurve]:
-    r"""Returns the ROC curve of each class against the other classes, or of each label, and their
-    mean.
+    r"""Returns the ROC curve of each class against all other classes, or of each label, and the
+    mean curve.
 
-    The last curve, :obj:`"mean of all"`, has the mean true positive rate at each false positive
-    rate, and the mean of the areas (the macro average). A class without samples, or with all
-    samples, has no curve.
+    The last curve, :obj:`"mean of all"`, holds the mean true positive rate at each false positive
+    rate, and the mean of the areas (the macro average). There is no curve for a class that has no
+    samples or all samples.
 
     Args:
-        y (torch.Tensor): The true classes, or 0 or 1 for each label.
+        y (torch.Tensor): The true classes, or the true labels (0 or 1).
         score (torch.Tensor): Logits or probabilities.
         names (sequence of str): Names of the :math:`C` classes or labels.
 
@@ -51,8 +51,8 @@ def roc_curves(y: Tensor, score: Tensor, names: Sequence[str]) -> dict[str, RocC
         - **score:** :math:`(S, C)`
 
     Raises:
-        ValueError: If a shape does not fit, a score is not finite, two names are equal, or each
-            class has either no samples or all of them.
+        ValueError: If a shape does not match, a score is not finite, two names are equal, or each
+            class has either no samples or all samples.
 
     Examples:
         >>> import torch
@@ -65,7 +65,7 @@ def roc_curves(y: Tensor, score: Tensor, names: Sequence[str]) -> dict[str, RocC
     num_classes = len(names)
     if scores.ndim != 2 or scores.shape[1] != num_classes:
         raise ValueError(
-            f"'score' must have shape (num_samples, {num_classes}), as there are names "
+            f"'score' must have shape (num_samples, {num_classes}), one column for each name "
             f"(got {scores.shape})"
         )
     if truth.shape not in (scores.shape[:1], scores.shape):
@@ -84,7 +84,7 @@ def roc_curves(y: Tensor, score: Tensor, names: Sequence[str]) -> dict[str, RocC
             curves[name] = RocCurve(fpr, tpr, float(roc_auc_score(truth[:, i], scores[:, i])))
     need(curves, "'y' must have samples with and without a class (got one kind only)")
     grid = np.unique(np.concatenate([curve.fpr for curve in curves.values()]))
-    # Each rate and the number just below it, so that vertical steps stay vertical.
+    # Includes each rate and the number just below it, so that vertical steps stay vertical.
     grid = np.stack([np.nextafter(grid, -1.0), grid], axis=1).ravel()
     mean = np.mean([np.interp(grid, curve.fpr, curve.tpr) for curve in curves.values()], axis=0)
     area = float(np.mean([curve.auc for curve in curves.values()]))

@@ -1,4 +1,4 @@
-r"""Baselines as scikit-learn estimators: those of the papers, and simple ones for comparison."""
+r"""Baselines as scikit-learn estimators, from the papers and for comparison."""
 
 from torch_geometric_tactile._removed import removed_names
 from torch_geometric_tactile.baselines.descriptor_features import DescriptorFeatures

@@ -1,10 +1,10 @@
-r"""The statistical features of tactile time series."""
+r"""Statistical features of tactile time series."""
 
 import numpy as np
 
 from torch_geometric_tactile.baselines._readings import check_finite
 
-#: Names of the statistics of :func:`statistical_features`, in their order.
+#: Names of the features from :func:`statistical_features`, in order.
 FEATURE_NAMES = (
     "maximum",
     "minimum",
@@ -23,13 +23,13 @@ FEATURE_NAMES = (
 
 def statistical_features(signal: np.ndarray) -> np.ndarray:
     r"""Returns the 12 statistical features of a signal from the "Tactile Grasp Stability
-    Classification Based on Graph Convolutional Networks" paper, in its order
+    Classification Based on Graph Convolutional Networks" paper, in the same order as in the paper
     (:obj:`FEATURE_NAMES`).
 
     With peak :math:`p = \max |x|`, root mean square :math:`r`, absolute mean :math:`a` and
-    :math:`q = (\overline{\sqrt{|x|}})^2`, the last four are :math:`p/r`, :math:`r/a`, :math:`p/a`
-    and :math:`p/q`. The paper gives no formulas; these are the usual ones. A ratio with a
-    denominator of zero is zero.
+    :math:`q = (\overline{\sqrt{|x|}})^2`, the last four features are :math:`p/r`, :math:`r/a`,
+    :math:`p/a` and :math:`p/q`. The paper gives no formulas; these are the usual definitions. A
+    ratio is zero if its denominator is zero.
 
     Args:
         signal (numpy.ndarray): Readings over time :math:`(..., T)`.

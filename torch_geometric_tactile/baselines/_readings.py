@@ -1,4 +1,4 @@
-r"""Conversion and checks of readings, and the base class of estimators that take them."""
+r"""Converts and checks readings, and defines the base class of estimators that take readings."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ class ReadingsEstimator(BaseEstimator):
 
 
 def readings(x: Any) -> np.ndarray:
-    r"""Returns the readings of samples, or of an array-like object, as an array.
+    r"""Returns readings as an array, from samples or an array-like object.
 
     Shapes:
         - **output:** :math:`(S, N, F)`
@@ -47,7 +47,7 @@ def check_finite(values: np.ndarray, name: str) -> None:
 
     Args:
         values (numpy.ndarray): Readings :math:`(S, ...)`.
-        name (str): Name of the argument in the message.
+        name (str): Name of the argument, for the error message.
 
     Raises:
         ValueError: If a reading is NaN or infinite.
@@ -66,7 +66,7 @@ def check_finite(values: np.ndarray, name: str) -> None:
 
 
 def num_repeats(num_readings: int, num_descriptors: int) -> int:
-    r"""Returns the number of copies of the descriptors that makes them about as many as the
+    r"""Returns how many copies of the descriptors are needed so that they are about as many as the
     readings.
     """
     return max(1, round(num_readings / num_descriptors))

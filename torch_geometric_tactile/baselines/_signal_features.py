@@ -1,4 +1,4 @@
-r"""The statistical features of time series as a step of a pipeline."""
+r"""Statistical features of time series as a step of a pipeline."""
 
 from collections.abc import Sequence
 from typing import Any, Self
@@ -13,21 +13,21 @@ from torch_geometric_tactile.baselines._readings import ReadingsEstimator, check
 
 
 class SignalFeatures(TransformerMixin, ReadingsEstimator):
-    r"""Converts time series to the 12 features of each electrode's signal
-    (:obj:`statistical_features`), 228 for 19 electrodes, as a
-    step of a scikit-learn pipeline.
+    r"""Converts time series to the 12 statistical features of each electrode's signal
+    (:obj:`statistical_features`), which makes 228 features for 19 electrodes. Use it as a step of a
+    scikit-learn pipeline.
 
-    Features are sorted by electrode, then in the order of :obj:`FEATURE_NAMES`.
-    :meth:`get_feature_names_out` returns their names. Only the number of electrodes is fixed by
-    :meth:`fit`; time series may have any length.
+    Features are ordered by electrode, then as in :obj:`FEATURE_NAMES`.
+    :meth:`get_feature_names_out` returns their names. :meth:`fit` fixes only the number of
+    electrodes. Time series may have any length.
 
     Shapes:
         - **input:** time series :math:`(S, T, E)`
         - **output:** features :math:`(S, 12 E)`
 
     Raises:
-        ValueError: If the time series have another shape, no frame or another number of electrodes
-            than in :meth:`fit`, or a reading is not finite.
+        ValueError: If the time series have the wrong shape, have no frame or do not have as many
+            electrodes as in :meth:`fit`, or if a reading is not finite.
 
     Examples:
         >>> series = np.array([[[3.0, 0.0], [-1.0, 2.0]]])  # 1 sample, 2 frames, 2 electrodes
@@ -56,11 +56,11 @@ class SignalFeatures(TransformerMixin, ReadingsEstimator):
         values = _checked_series(x)
         if values.shape[2] != self.n_features_in_:
             raise ValueError(
-                f"'x' must have {self.n_features_in_} electrodes, as {type(self).__name__} was "
-                f"fitted on (got shape {values.shape})"
+                f"'x' must have {self.n_features_in_} electrodes, like the data that "
+                f"{type(self).__name__} was fitted on (got shape {values.shape})"
             )
         # The order of summation depends on the memory layout. A contiguous copy makes the rounding,
-        # and so the features, independent of the input's strides.
+        # and thus the features, independent of the strides of the input.
         features = statistical_features(np.ascontiguousarray(values.transpose(0, 2, 1)))
         return features.reshape(len(values), features.shape[1] * features.shape[2])
 

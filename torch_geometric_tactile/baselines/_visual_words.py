@@ -18,8 +18,8 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.baselines._readings import ReadingsEstimator, check_finite, readings
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, letter_array
 
-_MAX_DESCRIPTORS = 200_000  # for k-means; at most about 100 MB of SIFT descriptors stay in memory
-_IMAGE_BLOCK = 512  # enlarged images are large, so that only a block of them is held at a time
+_MAX_DESCRIPTORS = 200_000  # for k-means; SIFT descriptors then take at most about 100 MB
+_IMAGE_BLOCK = 512  # enlarged images are large, so only one block of them is held at a time
 _KMEANS_BATCH = 2048  # descriptors in one step of k-means
 _MAX_SVM_STEPS = 5000  # scikit-learn's default is 1000
 _KERNELS = ("linear", "rbf")
@@ -27,13 +27,15 @@ _KERNELS = ("linear", "rbf")
 
 @dataclass(repr=False, eq=False)
 class VisualWordsSVM(ClassifierMixin, ReadingsEstimator, ABC):
-    r"""A support vector machine on histograms of visual words. It is the base class of
+    r"""A support vector machine on histograms of visual words. This is the base class of
     :class:`~torch_geometric_tactile.baselines.SIFTSVM` and
-    :class:`~torch_geometric_tactile.baselines.SURFSVM`, which describe points of an image.
+    :class:`~torch_geometric_tactile.baselines.SURFSVM`, which compute descriptors of points in an
+    image.
 
-    Mini-batch k-means clusters the descriptors of the training images, or of a random part of the
-    images if there are more than 200,000 descriptors. Each cluster is a word. An image is
-    represented by the histogram of the words nearest to its descriptors, scaled to unit length.
+    Mini-batch k-means clusters the descriptors of the training images. If there are more than
+    200,000 descriptors, a random subset of the images is used. Each cluster is a word. An image is
+    represented by the histogram of the words that are nearest to its descriptors, scaled to unit
+    length.
     """
 
     layout: TaxelLayout | PathLike | None = None
@@ -47,7 +49,7 @@ class VisualWordsSVM(ClassifierMixin, ReadingsEstimator, ABC):
     random_state: int | None = None
 
     def __post_init__(self) -> None:
-        # A missing library is reported when the estimator is created, not after loading data.
+        # A missing library is reported when the estimator is created instead of after loading data.
         self._import_library()
 
     @staticmethod
@@ -56,7 +58,7 @@ class VisualWordsSVM(ClassifierMixin, ReadingsEstimator, ABC):
         r"""Returns the module that computes descriptors.
 
         Raises:
-            ImportError: If the library is missing; the message names the extra.
+            ImportError: If the library is missing. The message names the extra to install.
         """
 
     @abstractmethod
@@ -68,7 +70,8 @@ class VisualWordsSVM(ClassifierMixin, ReadingsEstimator, ABC):
         """
 
     def images(self, x: Any) -> np.ndarray:
-        r"""Returns readings as images with integer grey values from 0 to 255, not yet enlarged.
+        r"""Returns readings as images with integer grey values from 0 to 255. The images are not
+        yet enlarged.
 
         Args:
             x (StaticData or array-like): Samples, or grey values :math:`(S, N, 1)`.
@@ -78,7 +81,7 @@ class VisualWordsSVM(ClassifierMixin, ReadingsEstimator, ABC):
 
         Raises:
             ValueError: If the layout has no image map, or the grey values are not finite or have
-                another shape.
+                the wrong shape.
         """
         layout = letter_array() if self.layout is None else as_layout(self.layout)
         if layout.image_map is None:
@@ -99,7 +102,7 @@ class VisualWordsSVM(ClassifierMixin, ReadingsEstimator, ABC):
         return images
 
     def fit(self, x: Any, y: Any) -> Self:
-        r"""Computes the words, and fits the support vector machine on their histograms.
+        r"""Computes the words, then fits the support vector machine on the histograms of words.
 
         Args:
             x (StaticData or array-like): Samples, or grey values :math:`(S, N, 1)`.
@@ -108,14 +111,14 @@ class VisualWordsSVM(ClassifierMixin, ReadingsEstimator, ABC):
         self._check_arguments()
         images, labels = self.images(x), np.asarray(y)
         if labels.shape != (len(images),):
-            raise ValueError(f"'y' must have shape ({len(images)},), as 'x' (got {labels.shape})")
+            raise ValueError(f"'y' must have shape ({len(images)},), like 'x' (got {labels.shape})")
         state = check_random_state(self.random_state)
         descriptors = self._sample_descriptors(images, state.permutation(len(images)))
         num_descriptors = sum(map(len, descriptors.values()))
         if num_descriptors < self.num_words:
             raise ValueError(
                 f"'num_words' must not exceed the number of descriptors in the training set (got "
-                f"{self.num_words} words and {num_descriptors} descriptors of {len(images)} images)"
+                f"{self.num_words} words and {num_descriptors} descriptors in {len(images)} images)"
             )
         self.k_means_ = MiniBatchKMeans(
             self.num_words, batch_size=_KMEANS_BATCH, n_init=1, random_state=state
@@ -126,7 +129,7 @@ class VisualWordsSVM(ClassifierMixin, ReadingsEstimator, ABC):
         return self
 
     def transform(self, x: Any) -> np.ndarray:
-        r"""Returns the histograms of words, and sets :obj:`num_without_words_` to the number of
+        r"""Returns the histograms of words and sets :obj:`num_without_words_` to the number of
         images without descriptors.
 
         Args:
@@ -140,7 +143,7 @@ class VisualWordsSVM(ClassifierMixin, ReadingsEstimator, ABC):
 
     def decision_function(self, x: Any) -> np.ndarray:
         r"""Returns the score of each class :math:`(S, C)`. If there are two classes, returns the
-        score of the second one :math:`(S,)`.
+        score of the second class :math:`(S,)`.
 
         Args:
             x (StaticData or array-like): Samples, or grey values :math:`(S, N, 1)`.
@@ -177,8 +180,8 @@ class VisualWordsSVM(ClassifierMixin, ReadingsEstimator, ABC):
         return SVC(kernel=self.kernel, **settings)
 
     def _sample_descriptors(self, images: np.ndarray, order: np.ndarray) -> dict[int, np.ndarray]:
-        # Descriptors by index of the image. Goes through the images in `order`, block by block,
-        # until there are _MAX_DESCRIPTORS.
+        # Returns descriptors by index of the image. Processes the images in `order`, block by
+        # block, until there are _MAX_DESCRIPTORS descriptors.
         sample: dict[int, np.ndarray] = {}
         num_descriptors = 0
         for start in range(0, len(order), _IMAGE_BLOCK):
@@ -219,7 +222,7 @@ def enlarge(images: np.ndarray, factor: int) -> np.ndarray:
 
     Args:
         images (numpy.ndarray): Images :math:`(S, H, W)`, in :obj:`uint8`.
-        factor (int): Factor of the height and width.
+        factor (int): Scale factor for height and width.
     """
     if factor == 1 or not len(images):
         return images

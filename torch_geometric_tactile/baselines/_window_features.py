@@ -1,4 +1,4 @@
-r"""The statistical features of windows as the first step of a pipeline."""
+r"""Statistical features of windows as the first step of a pipeline."""
 
 from typing import Any
 
@@ -10,11 +10,11 @@ from torch_geometric_tactile.baselines.grasp_svm import GraspSVM
 
 
 class WindowFeatures(FlatReadings):
-    r"""Computes the features of :class:`GraspSVM` of windows of frames. Missing readings (NaN)
-    count as zero.
+    r"""Computes the features of :class:`GraspSVM` for windows of frames. Missing readings (NaN) are
+    replaced by zero.
 
     Args:
-        num_channels (int): Number of channels of a taxel, whose frames are concatenated.
+        num_channels (int): Number of channels per taxel. Their frames are concatenated.
 
     Shapes:
         - **input:** readings :math:`(S, N, F \cdot T)`

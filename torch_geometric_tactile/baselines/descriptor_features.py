@@ -12,29 +12,30 @@ from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 from torch_geometric_tactile.transforms import TaxelDescriptors
 
-_BLOCK_READINGS = 1 << 18  # samples are described in blocks of about this size, to save memory
+_BLOCK_READINGS = 1 << 18  # samples are processed in blocks of about this size, to save memory
 
 
 class DescriptorFeatures(FlatReadings):
-    r"""Describes samples by :func:`~torch_geometric_tactile.sensors.taxel_descriptors`, as the
-    first step of a scikit-learn pipeline. Windows are described as by
+    r"""Computes the :func:`~torch_geometric_tactile.sensors.taxel_descriptors` of samples. Use it
+    as the first step of a scikit-learn pipeline. Windows are processed as in
     :class:`~torch_geometric_tactile.transforms.TaxelDescriptors`. Scale the readings first, with
     one scale per channel. Missing readings (NaN) are replaced by the mean of their neighbours.
 
     Args:
-        layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of one that comes
-            with the package, or a layout file.
-        with_readings (bool): If :obj:`True`, appends the readings to the descriptors, with zeros
-            for missing ones.
-        balanced (bool): If :obj:`True` and :obj:`with_readings`, repeats the descriptors until they
-            are about as many as the readings, since a forest draws its features uniformly.
+        layout (TaxelLayout or str or PathLike): The layout, the name of a stock layout, or the path
+            of a layout file.
+        with_readings (bool): If :obj:`True`, appends the readings to the descriptors. Missing
+            readings are replaced by zero.
+        balanced (bool): If :obj:`True` and :obj:`with_readings` is :obj:`True`, repeats the
+            descriptors until they are about as many as the readings. This is useful for forests,
+            which draw their features uniformly.
 
     Shapes:
         - **input:** readings :math:`(S, N, F)`, or samples, which may be windows
         - **output:** rows :math:`(S, K)`
 
     Raises:
-        ValueError: If the number of taxels is not that of the layout.
+        ValueError: If the samples do not have as many taxels as the layout.
 
     Examples:
         >>> DescriptorFeatures("biotac_sp").fit_transform(np.zeros((5, 24, 3))).shape

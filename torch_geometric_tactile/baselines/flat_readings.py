@@ -10,7 +10,7 @@ from torch_geometric_tactile.baselines._readings import ReadingsEstimator, readi
 
 
 class FlatReadings(TransformerMixin, ReadingsEstimator):
-    r"""Flattens the readings of all taxels of a sample to one row, as the first step of a
+    r"""Flattens the readings of all taxels of a sample to one row. Use it as the first step of a
     scikit-learn pipeline. Missing readings (NaN) become zero, which is the mean of standardised
     readings.
 

@@ -1,4 +1,4 @@
-r"""The support vector machine on statistical features of the electrodes' signals."""
+r"""A support vector machine on statistical features of the electrodes' signals."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -18,31 +18,31 @@ from torch_geometric_tactile.baselines._signal_features import SignalFeatures
 
 @dataclass(repr=False, eq=False)
 class GraspSVM(ClassifierMixin, ReadingsEstimator):
-    r"""The SVM baseline of the "Tactile Grasp Stability Classification Based on Graph Convolutional
-    Networks" paper. It uses 12 statistical features of each electrode's signal, 228 for 19
-    electrodes.
+    r"""The SVM baseline from the "Tactile Grasp Stability Classification Based on Graph
+    Convolutional Networks" paper. It uses 12 statistical features of each electrode's signal, which
+    makes 228 features for 19 electrodes.
 
-    For static readings, which have only one frame, the readings themselves are the features. The
-    paper states neither kernel nor penalty; the defaults here are scikit-learn's. Features are
-    standardised on the training set. They are sorted by electrode, then by finger, then in the
-    order of :obj:`SignalFeatures`.
+    For static readings, which have only one frame, the readings themselves are the features.
+    Features are standardised on the training set. They are ordered by electrode, then by finger,
+    then as in :obj:`SignalFeatures`. The paper does not state the kernel or the penalty; the
+    defaults are scikit-learn's.
 
     Args:
         num_fingers (int): Number of fingers :math:`K`, whose signals are concatenated.
-        finger (int, optional): Index of the only finger to use (SVM-L, -M, -R). If left out, all
-            fingers are used (SVM-F).
-        C (float): Penalty of an error.
+        finger (int, optional): Index of the finger to use (SVM-L, -M, -R). By default, all fingers
+            are used (SVM-F).
+        C (float): Penalty for errors.
         kernel (str): Kernel of :class:`sklearn.svm.SVC`.
         class_weight (dict or str, optional): Weights of the classes, as in
             :class:`sklearn.svm.SVC`. :obj:`"balanced"` gives rare classes the same total weight as
             common ones.
 
     Shapes:
-        - **input:** readings :math:`(S, N, K \cdot T)` with :math:`T` frames of each finger
+        - **input:** readings :math:`(S, N, K \cdot T)` with :math:`T` frames per finger
         - **output:** predicted labels :math:`(S,)`
 
     Raises:
-        ValueError: If the readings have another shape or are not finite, :obj:`num_fingers` is
+        ValueError: If the readings have the wrong shape or are not finite, :obj:`num_fingers` is
             below one, or :obj:`finger` is out of range.
 
     Examples:

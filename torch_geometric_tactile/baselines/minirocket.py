@@ -12,7 +12,7 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.baselines._readings import readings
 from torch_geometric_tactile.baselines.flat_readings import FlatReadings
 
-_MIN_FRAMES = 9  # length of a kernel of MiniRocket
+_MIN_FRAMES = 9  # length of MiniRocket's kernels
 _MODULE = "sktime.transformations.panel.rocket"
 _PENALTIES = np.logspace(-3, 3, 7)
 
@@ -24,22 +24,22 @@ def minirocket(
     num_kernels: int = 10_000,
     class_weight: Literal["balanced"] | None = None,
 ) -> Pipeline:
-    r"""Returns a MiniRocket pipeline: ridge classification or regression on the features of random
-    convolutions of all signals of a window, from the "MiniRocket: A Very Fast (Almost)
-    Deterministic Transform for Time Series Classification" paper, in sktime's implementation.
-    Requires the extra ``series``. The first use on a machine takes about a minute longer to
-    compile.
+    r"""Returns a MiniRocket pipeline for windows of frames, from the "MiniRocket: A Very Fast
+    (Almost) Deterministic Transform for Time Series Classification" paper. Ridge classification or
+    regression is applied to features of random convolutions of all signals in a window. The
+    features are computed by sktime, which requires the extra ``series``. The first use on a machine
+    takes about a minute longer, since the code is compiled.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
-        num_channels (int): Number of channels of a taxel, whose frames are concatenated.
+        num_channels (int): Number of channels per taxel. Their frames are concatenated.
         num_kernels (int): Number of features.
         class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
             common ones.
 
     Raises:
         ImportError: If sktime is missing. Raised by :meth:`fit`.
-        ValueError: If :obj:`task` is unknown, or, raised by :meth:`fit`, if windows have fewer than
+        ValueError: If :obj:`task` is unknown. Also raised by :meth:`fit` if windows have fewer than
             nine frames.
 
     Examples:

@@ -65,17 +65,18 @@ def descriptor_forest(
     balanced: bool = True,
     class_weight: _ClassWeight = None,
 ) -> Pipeline:
-    r"""Returns extremely randomised trees (Geurts et al. 2006) on the features of
+    r"""Returns extremely randomised trees (Geurts et al. 2006) on the features from
     :class:`DescriptorFeatures` and on the readings. Each split considers a tenth of the features
-    in classification, and a third in regression.
+    for classification, and a third for regression.
 
     Args:
-        layout (TaxelLayout or str or PathLike): The taxels.
+        layout (TaxelLayout or str or PathLike): The layout.
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
         num_trees (int): Number of trees.
         min_samples_leaf (int): Minimum number of samples in a leaf.
-        balanced (bool): If :obj:`True`, a split considers descriptors as often as readings, which
-            are more numerous on a large layout.
+        balanced (bool): If :obj:`True`, a split considers descriptors as often as readings.
+            Otherwise, readings are considered more often on large layouts, since they are more
+            numerous.
         class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
             common ones.
 
@@ -88,9 +89,9 @@ def descriptor_forest(
     """
     forest: Any = ExtraTreesRegressor(max_features=1 / 3)
     if _is_classification(task):
-        # The usual square root of the number of features is too few, since most features of a
-        # large layout are not informative: 64 of 2,074 features took half the time, but lost
-        # 8 points on simulated letters.
+        # The usual square root of the number of features is too small, since most features of a
+        # large layout are not informative. With 64 of 2,074 features, training took half as long,
+        # but the score on simulated letters was 8 points lower.
         forest = ExtraTreesClassifier(max_features=0.1, class_weight=class_weight)
     forest.set_params(n_estimators=num_trees, min_samples_leaf=min_samples_leaf)
     features = DescriptorFeatures(layout, with_readings=True, balanced=balanced)
@@ -107,15 +108,15 @@ def descriptor_svm(
     class_weight: _ClassWeight = None,
     most_samples: int | None = None,
 ) -> Pipeline:
-    r"""Returns a support vector machine with a radial kernel on the standardised features of
+    r"""Returns a support vector machine with a radial kernel on the standardised features from
     :class:`DescriptorFeatures`. With few labels, :func:`descriptor_forest` is better on average.
 
     Args:
-        layout (TaxelLayout or str or PathLike): The taxels.
+        layout (TaxelLayout or str or PathLike): The layout.
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
-        C (float): Penalty of an error.
-        width (float): Factor of the kernel coefficient, as in :func:`rbf_svm`.
-        with_readings (bool): If :obj:`True`, the readings are features as well.
+        C (float): Penalty for errors.
+        width (float): Factor for the kernel coefficient, as in :func:`rbf_svm`.
+        with_readings (bool): If :obj:`True`, the readings are also used as features.
         class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
             common ones.
         most_samples (int, optional): Maximum number of training samples, as in :func:`rbf_svm`.
@@ -138,10 +139,10 @@ def posed_forest(
     min_samples_leaf: int = 1,
     class_weight: _ClassWeight = None,
 ) -> Pipeline:
-    r"""Returns a random forest on the features of :class:`PosedSummary`.
+    r"""Returns a random forest on the features from :class:`PosedSummary`.
 
     Args:
-        layout (TaxelLayout or str or PathLike): The taxels.
+        layout (TaxelLayout or str or PathLike): The layout.
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
         num_trees (int): Number of trees.
         min_samples_leaf (int): Minimum number of samples in a leaf.
@@ -167,13 +168,13 @@ def posed_ridge(
     alpha: float = 1.0,
     class_weight: _ClassWeight = None,
 ) -> Pipeline:
-    r"""Returns a ridge classifier or a ridge regression on the standardised features of
+    r"""Returns a ridge classifier or a ridge regression on the standardised features from
     :class:`PosedSummary`.
 
     Args:
-        layout (TaxelLayout or str or PathLike): The taxels.
+        layout (TaxelLayout or str or PathLike): The layout.
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
-        alpha (float): Penalty of large weights.
+        alpha (float): Penalty for large weights.
         class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
             common ones.
 
@@ -196,13 +197,13 @@ def linear_svm(
     class_weight: _ClassWeight = None,
 ) -> Pipeline:
     r"""Returns a linear support vector machine on the flattened readings of all taxels. Scale the
-    readings first (see :class:`~torch_geometric_tactile.transforms.ZScore`); the pipeline scales
-    regression targets itself. The primal problem is solved with the default tolerance of
-    :program:`liblinear`, which also converges with more readings than samples.
+    readings first (see :class:`~torch_geometric_tactile.transforms.ZScore`). Regression targets are
+    scaled by the pipeline. The primal problem is solved with the default tolerance of
+    :program:`liblinear`, so that training converges even with more readings than samples.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
-        C (float): Penalty of an error.
+        C (float): Penalty for errors.
         class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
             common ones.
 
@@ -229,17 +230,18 @@ def rbf_svm(
     most_samples: int | None = None,
 ) -> Pipeline:
     r"""Returns a support vector machine with a radial kernel on the flattened readings of all
-    taxels. Scale the readings first; the pipeline scales regression targets itself.
+    taxels. Scale the readings first. Regression targets are scaled by the pipeline.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
-        C (float): Penalty of an error.
-        width (float): Factor of the kernel coefficient of scikit-learn's :obj:`gamma="scale"`,
-            which is :math:`1 / (K \, \mathrm{Var})` for :math:`K` features.
+        C (float): Penalty for errors.
+        width (float): Factor by which scikit-learn's kernel coefficient :obj:`gamma="scale"` is
+            multiplied. This coefficient is :math:`1 / (K \, \mathrm{Var})` for :math:`K` features.
         class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
             common ones.
-        most_samples (int, optional): Maximum number of training samples. Of more samples, a random
-            part of this size is used, since the time grows with the square of their number.
+        most_samples (int, optional): Maximum number of training samples. If there are more, a
+            random subset of this size is used, since the training time grows with the square of the
+            number of samples.
 
     Examples:
         >>> import numpy as np
@@ -260,13 +262,13 @@ def signal_svm(
     most_samples: int | None = None,
 ) -> Pipeline:
     r"""Returns a support vector machine with a radial kernel on the 12 statistical features of each
-    signal in windows of frames, as in :class:`~torch_geometric_tactile.baselines.GraspSVM`. It also
-    supports regression; the pipeline scales the targets itself.
+    signal in windows of frames, as in :class:`~torch_geometric_tactile.baselines.GraspSVM`.
+    Regression is also supported. Regression targets are scaled by the pipeline.
 
     Args:
         task (str): :obj:`"multiclass"` or :obj:`"regression"`.
-        num_channels (int): Number of channels of a taxel, whose frames are concatenated.
-        C (float): Penalty of an error.
+        num_channels (int): Number of channels per taxel. Their frames are concatenated.
+        C (float): Penalty for errors.
         class_weight (str, optional): :obj:`"balanced"` gives rare classes the same total weight as
             common ones.
         most_samples (int, optional): Maximum number of training samples, as in :func:`rbf_svm`.
@@ -337,7 +339,7 @@ def _kernel_machine(
 
 
 class _SubsampledFit:
-    # Fits a support vector machine on at most `max_samples` random samples. The kernel's width is
+    # Fits a support vector machine on at most `max_samples` random samples. The kernel width is
     # computed from all samples.
     width: float
     max_samples: int | None

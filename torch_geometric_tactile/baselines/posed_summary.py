@@ -1,4 +1,4 @@
-r"""The summary of each patch in the frame of the palm."""
+r"""A summary of each patch in the frame of the palm."""
 
 from typing import Any, Self
 
@@ -11,43 +11,45 @@ from torch_geometric_tactile.baselines._readings import ReadingsEstimator, readi
 from torch_geometric_tactile.data import StaticData
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 
-_PRESSED_SHARE = 0.05  # of the strongest reading
-_STRONGEST_PERCENTILE = 99.9  # not the maximum, which may be an outlier
+_PRESSED_SHARE = 0.05  # threshold for pressed taxels, as a share of the strongest reading
+_STRONGEST_PERCENTILE = 99.9  # the maximum may be an outlier
 
 
 class PosedSummary(TransformerMixin, ReadingsEstimator):
     r"""Summarises each patch in the frame of the palm by its force, its centre of pressure, the
-    mean normal there, and the number of its pressed taxels. The number of features does not depend
-    on the number of taxels. A forest on these features is a strong baseline.
+    mean normal of its pressed taxels, and their number. The number of features depends on the
+    number of patches, but not on the number of taxels. A forest on these features is a strong
+    baseline.
 
-    The signal of a taxel is its reading minus its median over the training samples. Its strength
-    :math:`w_i` is the norm of the signal. The taxel is pressed if :math:`w_i` is above a twentieth
-    of the strongest. With the positions :math:`\mathbf{p}_i` in metres, the normals
-    :math:`\mathbf{n}_i` and the signals :math:`\mathbf{f}_i` of the pressed taxels :math:`P` of a
-    patch, the features are
+    The signal of a taxel is its reading minus its median over the training samples. The strength
+    :math:`w_i` of the taxel is the norm of its signal. The taxel is pressed if :math:`w_i` is above
+    a twentieth of the 99.9th percentile of all strengths in the training samples. With the
+    positions :math:`\mathbf{p}_i` in metres, the normals :math:`\mathbf{n}_i` and the signals
+    :math:`\mathbf{f}_i` of the pressed taxels :math:`P` of a patch, the features are
 
     .. math::
         \sum_{i \in P} \mathbf{f}_i, \quad
         \frac{\sum_P w_i \mathbf{p}_i}{\sum_P w_i}, \quad
         \frac{\sum_P w_i \mathbf{n}_i}{\sum_P w_i}, \quad |P|
 
-    Positions and normals are the :obj:`pos` and :obj:`normal` of the samples (see
-    :class:`~torch_geometric_tactile.transforms.TaxelPose`) or, without them, those of the layout.
-    If samples have three channels and :obj:`tangent` axes, :math:`\mathbf{f}_i` is rotated into
-    the frame of the palm (see :class:`~torch_geometric_tactile.transforms.TaxelForce`). The
-    features of a patch without pressed taxels are its centre and zeros. Taxels with missing
-    readings (NaN) are not pressed.
+    Positions and normals are taken from the attributes :obj:`pos` and :obj:`normal` of the samples
+    (see :class:`~torch_geometric_tactile.transforms.TaxelPose`) or, if the samples have none, from
+    the layout. If samples have three channels and :obj:`tangent` axes, :math:`\mathbf{f}_i` is
+    rotated into the frame of the palm (see
+    :class:`~torch_geometric_tactile.transforms.TaxelForce`). For a patch without pressed taxels,
+    the centre of pressure is the centre of the patch, and all other features are zero. Taxels with
+    missing readings (NaN) count as not pressed.
 
     Args:
-        layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of one that comes
-            with the package, or a layout file.
+        layout (TaxelLayout or str or PathLike): The layout, the name of a stock layout, or the path
+            of a layout file.
 
     Shapes:
         - **input:** samples, or readings :math:`(S, N, F)`
-        - **output:** features :math:`(S, K \cdot (F + 7))` of :math:`K` patches
+        - **output:** features :math:`(S, K \cdot (F + 7))` for :math:`K` patches
 
     Raises:
-        ValueError: If the number of taxels is not that of the layout.
+        ValueError: If the samples do not have as many taxels as the layout.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -63,7 +65,7 @@ class PosedSummary(TransformerMixin, ReadingsEstimator):
         self.layout = layout
 
     def fit(self, x: Any, y: Any = None) -> Self:
-        r"""Computes the median reading of each taxel and the threshold of pressed taxels.
+        r"""Computes the median reading of each taxel and the threshold for pressed taxels.
 
         Args:
             x (StaticData or array-like): Samples, or readings :math:`(S, N, F)`.
@@ -103,18 +105,18 @@ class PosedSummary(TransformerMixin, ReadingsEstimator):
         layout = as_layout(self.layout)
         if values.shape[1] != layout.num_taxels:
             raise ValueError(
-                f"'x' must have {layout.num_taxels} taxels, as layout '{layout.name}' (got shape "
+                f"'x' must have {layout.num_taxels} taxels, like layout '{layout.name}' (got shape "
                 f"{values.shape})"
             )
         return values
 
 
 def posed_summary(x: Any, layout: TaxelLayout | PathLike) -> np.ndarray:
-    r"""Returns the features of :class:`PosedSummary`, fitted on the same samples.
+    r"""Returns the features from a :class:`PosedSummary` that is fitted on the same samples.
 
     Args:
         x (StaticData or array-like): Samples, or readings :math:`(S, N, F)`.
-        layout (TaxelLayout or str or PathLike): The taxels.
+        layout (TaxelLayout or str or PathLike): The layout.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -148,7 +150,8 @@ def _patch_features(
 
 
 def _positions_and_normals(x: Any, layout: TaxelLayout) -> tuple[np.ndarray, np.ndarray]:
-    # Arrays of shape (S, N, 3), or (1, N, 3) if all samples have the same. Without normals, zeros.
+    # Returns arrays of shape (S, N, 3), or (1, N, 3) if they are the same for all samples. Missing
+    # normals are zero.
     arrays = []
     for key in ("pos", "normal"):
         tensor = x[key] if isinstance(x, StaticData) and key in x else None
@@ -159,13 +162,13 @@ def _positions_and_normals(x: Any, layout: TaxelLayout) -> tuple[np.ndarray, np.
 
 
 def _rotate_to_palm(signal: np.ndarray, tangent: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    # As in TaxelForce, the third channel is positive into the skin, so against the normal.
+    # As in TaxelForce, the third channel is positive into the skin, which is against the normal.
     x_axis, y_axis = tangent[..., 0, :], tangent[..., 1, :]
     return signal[..., :1] * x_axis + signal[..., 1:2] * y_axis - signal[..., 2:] * normal
 
 
 def _nanmedian(values: np.ndarray) -> np.ndarray:
-    # NumPy warns of taxels without any reading; they get a median of zero without a warning.
+    # NumPy warns about taxels without any reading. Here, their median is zero, without a warning.
     is_empty = np.isnan(values).all(axis=0)
     filled = np.where(is_empty, 0.0, values)
     median: np.ndarray = np.nanmedian(filled, axis=0)

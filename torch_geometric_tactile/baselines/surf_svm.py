@@ -1,4 +1,4 @@
-r"""The support vector machine on visual words of SURF."""
+r"""A support vector machine on SURF visual words."""
 
 import math
 from collections.abc import Iterator
@@ -11,50 +11,49 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.baselines._visual_words import VisualWordsSVM
 
-_MARGIN = 16  # in scales; mahotas leaves out points closer than this to the border
+_MARGIN = 16  # in scales; mahotas skips points that are closer than this to the border
 _WINDOW = 20  # in scales; side of the square that a descriptor covers
 
 
 @dataclass(kw_only=True, repr=False, eq=False)
 class SURFSVM(VisualWordsSVM):
-    r"""A support vector machine on visual words of SURF, a baseline of the "A Novel Bilinear
-    Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper
-    (Sensors 2020, 20, 5822). The paper gives no details; the defaults here were chosen on images of
-    drawn letters.
+    r"""A support vector machine on SURF visual words, which is a baseline from the "A Novel
+    Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape
+    Recognition" paper (Sensors 2020, 20, 5822). The paper gives no details. The defaults of this
+    class were chosen on images of drawn letters.
 
-    The detector of SURF finds no points in images of 32 x 32 pixels. Images are therefore enlarged,
+    The SURF detector finds no points in images of 32 x 32 pixels. Images are therefore enlarged,
     and mahotas computes descriptors of 64 numbers at the points of a regular grid, as its
     :func:`surf.dense` does. Points in flat regions are left out. Images are padded with the grey
-    values at their border, so that points near the border have descriptors as well. Everything
-    else, including :obj:`num_without_words_`, is as in
+    values at their border, so that points near the border also have descriptors. Everything else,
+    including :obj:`num_without_words_`, is the same as in
     :class:`~torch_geometric_tactile.baselines.SIFTSVM`.
 
     Args:
-        layout (TaxelLayout or str or PathLike, optional): The taxels, on an image map;
-            :func:`~torch_geometric_tactile.sensors.letter_array` if left out.
+        layout (TaxelLayout or str or PathLike, optional): The layout, which must have an image map.
+            Defaults to :func:`~torch_geometric_tactile.sensors.letter_array`.
         num_words (int): Number of words :math:`K`.
         factor (int): Factor by which images are enlarged first.
         spacing (int): Distance between points in pixels of the enlarged image.
         scale (float): Scale :math:`s` of a descriptor, which covers :math:`20 s \times 20 s` pixels
             of the enlarged image. With a scale of 4 and a spacing of 6, scores on validation
-            letters are 1.5 points higher, and the time is 1.7 times as long.
-        contrast (float): Points are left out if the grey values of the covered pixels differ by no
-            more than this part of the full scale.
-        root (bool): If :obj:`True`, uses the square roots of the counts, as in the Hellinger
-            kernel.
+            letters are 1.5 points higher, but the computation takes 1.7 times as long.
+        contrast (float): Points are left out if the grey values of the covered pixels differ by at
+            most this fraction of the full scale.
+        root (bool): Whether to use the square roots of the counts, as in the Hellinger kernel.
         kernel (str): :obj:`"linear"` or :obj:`"rbf"`.
-        C (float): Penalty of an error.
+        C (float): Penalty for errors.
         class_weight (dict or str, optional): :obj:`"balanced"` gives rare classes the same total
             weight as common ones.
-        random_state (int, optional): Seed of k-means and of the support vector machine.
+        random_state (int, optional): Seed for k-means and the support vector machine.
 
     Shapes:
         - **input:** grey values :math:`(S, N, 1)`
         - **output:** predicted labels :math:`(S,)`
 
     Raises:
-        ImportError: If mahotas, of the extra :obj:`baselines`, is missing.
-        ValueError: If the layout has no image map, the grey values are not finite or have another
+        ImportError: If mahotas is missing (extra :obj:`baselines`).
+        ValueError: If the layout has no image map, the grey values are not finite or have the wrong
             shape, there are fewer descriptors than words, or an argument is out of range.
 
     Examples:
@@ -99,7 +98,7 @@ class SURFSVM(VisualWordsSVM):
             local_range = maximum_filter(image, window) - minimum_filter(image, window)
             rows, cols = points[local_range[tuple(points.T)] > 255 * self.contrast].T
             ones = np.ones(len(rows))
-            # mahotas takes row, column, scale, score and sign of the Laplacian of each point.
+            # mahotas takes the row, column, scale, score and sign of the Laplacian for each point.
             interest_points = np.stack(
                 [rows + margin, cols + margin, self.scale * ones, ones, ones], axis=1
             )

@@ -15,24 +15,25 @@ _LOG_FACTOR_RANGE = (-7.0, 7.0)
 
 
 class TemperatureScaling(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):
-    r"""Adds probabilities to a classifier with scores, such as a support vector machine, by the
-    temperature scaling of the `"On Calibration of Modern Neural Networks"
+    r"""Adds probabilities to a classifier that returns scores, such as a support vector machine. It
+    uses the temperature scaling from the `"On Calibration of Modern Neural Networks"
     <https://arxiv.org/abs/1706.04599>`_ paper:
 
     .. math::
         \mathbf{p} = \mathrm{softmax}(a \, \mathbf{s})
 
-    Here :math:`\mathbf{s}` are the scores of the classes, :math:`(0, s)` for two classes. The
-    factor :math:`a` is fitted by cross-validation to the scores of held-out samples. Their labels
-    are smoothed as in Platt's method, so that :math:`a` stays finite. The most probable class is
-    the one with the highest score: unlike
-    :class:`sklearn.calibration.CalibratedClassifierCV` with sigmoids, the scaling does not move
-    decision boundaries, and keeps the effect of class weights. Ties between the votes of
-    one-against-one classifiers are broken by the scores, as with :obj:`SVC(break_ties=True)`.
+    Here, :math:`\mathbf{s}` is the vector of class scores, which is :math:`(0, s)` for two classes.
+    The factor :math:`a` is fitted to the scores of held-out samples by cross-validation. The labels
+    of these samples are smoothed as in Platt's method, so that :math:`a` stays finite.
+
+    The class with the highest score is also the most probable class. Unlike
+    :class:`sklearn.calibration.CalibratedClassifierCV` with sigmoids, the scaling therefore does
+    not move decision boundaries, and preserves the effect of class weights. Ties between the votes
+    of one-against-one classifiers are broken by the scores, as with :obj:`SVC(break_ties=True)`.
 
     Args:
         estimator (estimator): A classifier with :meth:`decision_function`.
-        folds (int): Number of folds of the cross-validation. Fewer are used if a class has fewer
+        folds (int): Number of cross-validation folds. Fewer folds are used if a class has fewer
             samples.
 
     Raises:
@@ -53,7 +54,7 @@ class TemperatureScaling(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):
         self.folds = folds
 
     def fit(self, x: Any, y: Any, groups: Any = None) -> Self:
-        r"""Fits the factor on held-out samples, and then the classifier on all samples.
+        r"""Fits the factor on held-out samples, then fits the classifier on all samples.
 
         Args:
             x (array-like): Features :math:`(S, F)`.
@@ -72,7 +73,7 @@ class TemperatureScaling(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):
             model = clone(self.estimator).fit(x[train], y[train])
             scores.append(_as_columns(model.decision_function(x[test])))
             held_out_codes.append(codes[test])
-        # Without any usable fold, probabilities are the softmax of the unscaled scores.
+        # If no fold is usable, the probabilities are the softmax of the unscaled scores.
         self.factor_ = (
             _fit_factor(np.concatenate(scores), np.concatenate(held_out_codes)) if scores else 1.0
         )
@@ -80,7 +81,7 @@ class TemperatureScaling(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):
         return self
 
     def _splits(self, x: np.ndarray, codes: np.ndarray, groups: Any) -> Any:
-        # Every class needs at least one sample, or group, in each fold.
+        # Every class needs at least one sample or group in each fold.
         num_folds = min(self.folds, int(np.bincount(codes).min()))
         if groups is not None:
             groups_per_class = [
@@ -117,7 +118,7 @@ class TemperatureScaling(MetaEstimatorMixin, ClassifierMixin, BaseEstimator):
 
 
 def _as_columns(scores: np.ndarray) -> np.ndarray:
-    # Returns scores (S, C). Scikit-learn returns one column (S,) for two classes.
+    # Returns scores (S, C). For two classes, scikit-learn returns one column (S,).
     return scores if scores.ndim == 2 else np.stack([np.zeros_like(scores), scores], axis=1)
 
 

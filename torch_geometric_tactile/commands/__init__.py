@@ -3,10 +3,10 @@ r"""The commands of the command line, one module each.
 A command is a module with :obj:`HELP`, :obj:`DESCRIPTION`, :obj:`EXAMPLES`, :obj:`add_arguments`
 and :obj:`run`. A command whose arguments Lightning parses has :obj:`HELP` and :obj:`run_raw`
 instead. The type of an argument declares whether it names an input or an output (:mod:`._paths`);
-:obj:`list_outputs` returns further output files, such as those within a folder.
+:obj:`list_outputs` returns further output files, such as files within a folder.
 :obj:`EXTRAS` names the extras that a command needs, and :obj:`KINDS` maps a first argument to
-another module with its own arguments. All modules are imported to print the help, so they import
-heavy packages in functions only.
+another module with its own arguments. Printing the help imports all of these modules, so they
+import large packages only inside functions.
 """
 
 from importlib.util import find_spec
@@ -32,7 +32,7 @@ _ALL_COMMANDS: tuple[str, ...] = (
     "predict",
     "export",
 )
-# The commands of the distribution `tactile-live`, which comes without PyTorch.
+# The commands of the distribution `tactile-live`, which does not include PyTorch.
 _LIVE_COMMANDS = ("convert", "ports", "live", "record", "replay", "view")
 
 COMMANDS = _ALL_COMMANDS if find_spec("torch_geometric_tactile.nn") else _LIVE_COMMANDS

@@ -44,10 +44,10 @@ def _integer_type(minimum: int, maximum: int, too_small: str) -> Callable[[str],
 #: Reads an integer from one to a million.
 positive = _integer_type(1, _MAX_COUNT, "must be at least 1")
 
-#: Reads a number of runs, processes or samples that each cost memory: from one to ten thousand.
+#: Reads a number of runs, processes or samples, each of which needs memory: one to ten thousand.
 small_count = _integer_type(1, 10_000, "must be at least 1")
 
-#: Reads a seed: an integer from zero to the largest that all our dependencies accept.
+#: Reads a seed: an integer from zero to the largest seed that all dependencies accept.
 not_negative = _integer_type(0, (1 << 32) - 1, "must not be negative")
 
 
@@ -113,7 +113,8 @@ def _parse_labels(text: str) -> list[str]:
 LABELS: dict[str, Any] = {
     "metavar": "A,B,...",
     "type": _parse_labels,
-    "help": "labels of the annotations that the keys 1 to 9 begin and end (default: 1 to 9)",
+    "help": "annotation labels for the keys 1 to 9; a key starts and ends its annotation (default: "
+    "1 to 9)",
 }
 
 
@@ -121,14 +122,14 @@ LABELS: dict[str, Any] = {
 MAP: dict[str, Any] = {
     "metavar": "MAP",
     "type": input_path,
-    "help": "order of the taxels of the source: a stock map, a JSON file, or 'none' if it is the "
-    "order of the layout (default: the stock map of the sensor and the layout, if there is one)",
+    "help": "taxel order of the source: a stock map, a JSON file, or 'none' if the source uses the "
+    "order of the layout (default: the stock map for the sensor and the layout, if there is one)",
 }
 
 
 def taxel_map(text: str | None) -> Any:
-    r"""Returns the taxel map of the option :obj:`--map`: :obj:`"none"` and :obj:`None` (option
-    absent) stay as they are.
+    r"""Returns the taxel map of the option :obj:`--map`. The values :obj:`"none"` and :obj:`None`
+    (option absent) are returned unchanged.
     """
     from torch_geometric_tactile.live import TaxelMap
 
@@ -144,8 +145,8 @@ def _number_or_nan(text: str) -> float:
 
 
 def rest(text: str) -> str | float | None:
-    r"""Reads the frames of a trial that are recorded at rest: the name of a phase, a number of
-    seconds at the start of the trial, or :obj:`"none"`.
+    r"""Reads which frames of a trial are recorded at rest: the name of a phase, a number of seconds
+    at the start of the trial, or :obj:`"none"`.
     """
     if text == "none":
         return None
@@ -202,12 +203,12 @@ def add_run_data(parser: argparse.ArgumentParser) -> None:
         "--config",
         metavar="CONFIG",
         type=input_path,
-        help="configuration of data and model, which may name classes of your own: a file, or the "
-        "name of a shipped one (default: the data of the config.yaml of the run)",
+        help="configuration of data and model, which may name your own classes: a file, or the "
+        "name of a shipped configuration (default: the data in the run's config.yaml)",
     )
     parser.add_argument(
         "--root",
         metavar="DIR",
         type=input_path,
-        help="folder of the data (default: the configuration's)",
+        help="folder of the data (default: from the configuration)",
     )

@@ -1,4 +1,4 @@
-r"""``tactile convert bigs``: imports grasps of the BiGS data set from the files of its owner."""
+r"""``tactile convert bigs``: imports grasps of the BiGS data set from the owner's files."""
 
 import argparse
 import sys
@@ -19,18 +19,18 @@ HELP = "Convert grasps of the BiGS data set for datasets.BiGS"
 DESCRIPTION = """\
 Converts grasps of the BiGS data set, one HDF5 or npz file per grasp, to the form that
 datasets.BiGS reads: 19 electrodes on each of three BioTac fingertips (left, middle, right)
-and any other signals. We found no copy of the original data and do not know its format, so you
-specify names, axis orders, units and rates; nothing is guessed. See docs/bigs.md.
+and any other signals. No copy of the original data was available, and its format is not known.
+Specify names, axis orders, units and rates; the command guesses nothing. See docs/bigs.md.
 
-Every file is tried. Converted files are kept, and the exit status is 1 if any file failed.
+A file that fails does not stop the others. The exit status is 1 if any file failed.
 """
 EXAMPLES = """\
 Fields: electrodes, time, pressure, pac, robot_joint, finger_joint, wrench, object_pose, phase and
 slip; single values: success, object, trial, session and pickup_time. Only electrodes,
-success and object are required. Without --field a field is read by this name.
+success and object are required. Without --field, a field is read under the name listed here.
 
-Give the axis order of an array in brackets after its name; parentheses join axes that
-share one dimension, the fastest last. The default orders are
+Give the axis order of an array in brackets after its name. Parentheses join axes that share
+one dimension, with the fastest-varying axis last. The default orders are
   electrodes    frame electrode finger     robot_joint   frame step joint
   pressure      frame finger               finger_joint  frame step joint
   pac           frame finger step          object_pose   frame value
@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="OURS=THEIRS",
         type=str,
-        help="the name of a field in your files: 'electrodes=NAME' or 'electrodes=NAME [ORDER]'; "
+        help="name of a field in your files: 'electrodes=NAME' or 'electrodes=NAME [ORDER]'; "
         "GROUP@NAME is an HDF5 attribute",
     )
     names.add_argument(
@@ -95,7 +95,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fingers",
         metavar="ORDER",
         type=str,
-        help="order of the fingers in arrays of all three (default: 'left middle right')",
+        help="order of the fingers in arrays with all three (default: 'left middle right')",
     )
     units = parser.add_argument_group("units and rates")
     units.add_argument(
@@ -112,7 +112,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     units.add_argument(
         "--time-unit", choices=("s", "ms", "us", "ns"), help="unit of time and pickup_time"
     )
-    units.add_argument("--angle-unit", choices=("rad", "deg"), help="unit of joints (default: rad)")
+    units.add_argument(
+        "--angle-unit", choices=("rad", "deg"), help="unit of joint angles (default: rad)"
+    )
     units.add_argument("--length-unit", choices=("m", "mm"), help="unit of positions (default: m)")
     units.add_argument(
         "--quaternion", choices=("wxyz", "xyzw"), help="order of quaternions (default: wxyz)"
@@ -121,7 +123,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--ends-after-pickup",
         type=float,
         metavar="SECONDS",
-        help="time from pick-up to the end of each file, if files have no pick-up time",
+        help="time from pick-up to the end of each file, for files without a pick-up time",
     )
 
 
@@ -223,6 +225,6 @@ def _target_paths(sources: Iterable[str], out: Path, suffix: str) -> dict[Path, 
                 f"would both become '{target}')"
             )
         if target.exists() and target.samefile(path):
-            raise ValueError(f"'OUT_DIR' must be another folder than that of '{path}'")
+            raise ValueError(f"'OUT_DIR' must not be the folder of '{path}'")
         targets[path] = target
     return targets

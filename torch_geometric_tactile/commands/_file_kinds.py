@@ -12,7 +12,7 @@ from torch_geometric_tactile._texts import read_json
 
 _START_BYTES = 65_536
 _PREDICTOR_KEYS = {"torch_geometric_tactile.predictor", "torch_geometric_tactile.sha256"}
-_ONNX_KEY = b"torch_geometric_tactile"  # of the metadata, which are at the end of the file
+_ONNX_KEY = b"torch_geometric_tactile"  # in the metadata at the end of the file
 _MCAP_WRITER = b"torch_geometric_tactile"  # in the header of the file
 _WIDE_CSV = re.compile(rb"time,(taxel|joint)_\d")
 _XELA_MESSAGE = re.compile(rb'\{"message":')
@@ -33,12 +33,12 @@ class FileKind(NamedTuple):
         r"""Returns whether a file is of this kind. An empty file is of every kind."""
         try:
             return path.stat().st_size == 0 or self.is_kind(path)
-        except UNREADABLE:  # damaged or foreign content, so not a file of this kind
+        except UNREADABLE:  # damaged or unknown content, so not a file of this kind
             return False
 
 
 def text_kind(name: str, start: str) -> FileKind:
-    r"""Returns the kind of the text files whose first characters match the regular expression
+    r"""Returns the kind of text files that start with a match of the regular expression
     :obj:`start`.
     """
     pattern = re.compile(start.encode())
@@ -54,7 +54,7 @@ def _is_predictor(path: Path) -> bool:
     # A safetensors file: the length of the header in eight bytes, then the header as JSON.
     with path.open("rb") as file:
         length = int.from_bytes(file.read(8), "little")
-        if length > path.stat().st_size - 8:  # other files have huge numbers here
+        if length > path.stat().st_size - 8:  # files of other kinds have huge numbers here
             return False
         metadata = json.loads(file.read(length)).get("__metadata__", {})
     return not _PREDICTOR_KEYS.isdisjoint(metadata)
@@ -85,7 +85,7 @@ def _is_recording(path: Path) -> bool:
 def _is_hdf5_recording(path: Path) -> bool:
     if not _first_bytes(path).startswith(b"\x89HDF\r\n"):
         return False
-    import h5py  # installed, as it is needed to write the file
+    import h5py  # always installed here: writing the file needs it
 
     with h5py.File(path, locking=False) as file:
         return {"time", "tactile"} <= {*file}

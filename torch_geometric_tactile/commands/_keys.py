@@ -1,4 +1,4 @@
-r"""Actions of the keys that are pressed while a command runs."""
+r"""Actions of keys that are pressed while a command runs."""
 
 import os
 import select
@@ -51,7 +51,7 @@ def key_bindings(actions: Mapping[str, Callable[[], None]]) -> Iterator[Callable
 
 
 def mark(recorder: "Recorder | None", status_line: "StatusLine") -> None:
-    r"""Writes an event :obj:`"mark"` at the present time into a recording."""
+    r"""Writes an event :obj:`"mark"` with the current time to a recording."""
     if recorder is None:
         status_line.write("nothing marked: no recording is running")
         return
@@ -63,9 +63,9 @@ def label_keys(
     get_recorder: "Callable[[], Recorder | None]",
     status_line: "StatusLine",
 ) -> dict[str, Callable[[], None]]:
-    r"""Returns the actions of the keys 1 to 9, each of which begins and ends annotations of its
-    label. Without labels, the first press tells that the keys are the labels; with fewer than nine,
-    a key without a label says so.
+    r"""Returns the actions of the keys 1 to 9. Each key starts and ends annotations with its label.
+    Without labels, the first press prints a note that the keys themselves are the labels. With
+    fewer than nine labels, a key without a label prints an error.
     """
     key_labels = "123456789" if labels is None else labels
     notes = [_UNNAMED_KEYS] if labels is None else []

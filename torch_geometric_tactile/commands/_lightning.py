@@ -16,7 +16,7 @@ _OPTIONS = (
     ),
     ("--trainer.max_epochs N", "number of epochs"),
     ("--data.batch_size N", "samples per batch (default: 128)"),
-    ("--model.optimizer.init_args.lr RATE", "learning rate (default: the configuration's)"),
+    ("--model.optimizer.init_args.lr RATE", "learning rate (default: from the configuration)"),
     ("--seed_everything N", "seed of all randomness (default: 0)"),
     ("--ckpt_path FILE", "{checkpoint}"),
     (
@@ -68,7 +68,7 @@ def short_help(name: str, description: str, checkpoint: str, examples: str) -> s
     options.
     """
     lines = [f"usage: tactile {name} --config FILE [options]", "", description.strip(), ""]
-    lines.append("most used options:")
+    lines.append("main options:")
     for option, *texts in _OPTIONS:
         if name != "fit" and option.startswith(_FIT_OPTIONS):
             continue
@@ -81,7 +81,7 @@ def short_help(name: str, description: str, checkpoint: str, examples: str) -> s
         ("--help-all", "all options of trainer, model and data (long)"),
         ("--model.model.help CLASS", "the arguments of a network"),
         ("--data.dataset.help CLASS", "the arguments of a data set"),
-        ("--print_config", "print the whole configuration, and run nothing"),
+        ("--print_config", "print the whole configuration and exit"),
     ):
         lines.append(f"  {option:{_COLUMN - 2}}{text}")
     return "\n".join([*lines, "", examples.rstrip()])

@@ -1,9 +1,9 @@
-r"""Types of arguments that name files, and the check that an output replaces neither an input nor
-a file of another kind.
+r"""Types of arguments that name files, and a check that protects inputs and files of other kinds
+from being overwritten.
 
-A command declares each of its arguments by the type of :mod:`argparse`: :func:`input_path`,
-:func:`input_setting`, :func:`input_source`, :class:`OutputFile` or :class:`OutputFolder`;
-:class:`str` for a text that is no path. :func:`check_paths` runs before the command.
+A command declares each argument by its :mod:`argparse` type: :func:`input_path`,
+:func:`input_setting`, :func:`input_source`, :class:`OutputFile` or :class:`OutputFolder`, or
+:class:`str` for a text that is not a path. :func:`check_paths` runs before the command.
 """
 
 import argparse
@@ -71,7 +71,7 @@ def input_setting(text: str) -> InputPath:
 
 
 def input_source(text: str) -> InputPath:
-    r"""Reads the address of a source. A recording is named by its path or as
+    r"""Reads the address of a source. The address of a recording is its path, or
     :obj:`file:PATH?speed=2`.
     """
     scheme, address = ("file:", text[5:]) if text.startswith("file:") else ("", text)
@@ -132,13 +132,13 @@ def check_paths(
     arguments: argparse.Namespace,
     list_outputs: Callable[[argparse.Namespace], Iterable[OutputPath]] | None = None,
 ) -> argparse.Namespace:
-    r"""Checks that the outputs of a command can be written, and that they replace neither an input
-    of the command, nor a file of another kind, nor a folder.
+    r"""Checks that the outputs of a command can be written, and that no output replaces an input of
+    the command, a file of another kind or a folder.
 
     Args:
         arguments (argparse.Namespace): The arguments, read by the types of this module.
-        list_outputs (callable, optional): Returns further files that are written, such as those
-            within an output folder.
+        list_outputs (callable, optional): Returns further files that the command writes, such as
+            files within an output folder.
 
     Returns:
         The arguments as plain texts.
@@ -198,8 +198,7 @@ def _check_output(output: OutputPath, inputs: Iterable[Path]) -> None:
     for source in inputs:
         need(
             is_new or not _is_same(path, source),
-            f"'{argument}' must not replace a file that is read: choose another name (got "
-            f"'{path}')",
+            f"'{argument}' must not replace an input file: choose another name (got '{path}')",
         )
         is_inside = path.suffix.lower() in _RECORDING_SUFFIXES and _is_same(path.parent, source)
         need(
@@ -210,7 +209,7 @@ def _check_output(output: OutputPath, inputs: Iterable[Path]) -> None:
     need(
         is_new or output.kind.matches(path),
         f"'{argument}' must be a new file, or replace {output.kind.name}: choose another name, or "
-        f"remove the file (got '{path}', which is no such file)",
+        f"remove the file (got '{path}', which is a file of another kind)",
     )
     _check_writable(path, argument)
 
@@ -234,7 +233,7 @@ def _check_writable(path: Path, argument: str) -> None:
             pass
     except OSError as error:
         raise ValueError(
-            f"'{argument}' must be in a folder that can be written to (got '{path}': "
+            f"'{argument}' must be in a writable folder (got '{path}': "
             f"{error.strerror} in '{folder}')"
         ) from error
 

@@ -1,11 +1,11 @@
-r"""Options of the readers of recordings, shared by the commands that read a recording."""
+r"""Options for reading recordings, shared by the commands that read them."""
 
 import argparse
 from typing import Any
 
 from torch_geometric_tactile.commands._arguments import not_negative, positive
 
-# Arguments of the readers under the same names, in groups by title.
+# Groups of options by title. An option is named like the argument of the reader.
 _OPTIONS: dict[str | None, dict[str, dict[str, Any]]] = {
     None: {
         "forces": {
@@ -14,7 +14,7 @@ _OPTIONS: dict[str | None, dict[str, dict[str, Any]]] = {
         },
         "allow_large": {
             "action": "store_true",
-            "help": "read an npz file whose arrays unpack to far more than the size of the file",
+            "help": "read npz files even if their arrays unpack to far more than the file size",
         },
     },
     "CSV files with other column names": {
@@ -22,14 +22,15 @@ _OPTIONS: dict[str | None, dict[str, dict[str, Any]]] = {
             "action": "append",
             "metavar": "NAME",
             "type": str,
-            "help": "a column of readings; repeat it in the order of the layout, or give one "
-            "regular expression (default: all columns without another role)",
+            "help": "a column of readings; repeat the option in the order of the layout, or give "
+            "one regular expression (default: all columns without another role)",
         },
         "joint": {
             "action": "append",
             "metavar": "NAME",
             "type": str,
-            "help": "a column of joint angles; like --tactile",
+            "help": "a column of joint angles in radians, or in degrees if its name ends in _deg "
+            "or (deg); repeat the option, or give one regular expression",
         },
         "time": {"metavar": "NAME", "type": str, "help": "the time column (default: time)"},
         "time_unit": {
@@ -52,7 +53,7 @@ _OPTIONS: dict[str | None, dict[str, dict[str, Any]]] = {
             "metavar": "SIGN",
             "type": str,
             "help": "the sign between two cells: one character, or comma, semicolon, tab, blank "
-            "(default: that of the first line)",
+            "(default: the sign in the first line)",
         },
         "decimal": {"metavar": "SIGN", "type": str, "help": "the decimal sign: . or ,"},
         "encoding": {
@@ -72,14 +73,14 @@ _OPTIONS: dict[str | None, dict[str, dict[str, Any]]] = {
         "time_format": {
             "metavar": "FORMAT",
             "type": str,
-            "help": "form of dates, such as '%%d.%%m.%%Y %%H:%%M:%%S,%%f' (numbers, ISO 8601 and "
-            "10:00:00.25 need none)",
+            "help": "format of dates, such as '%%d.%%m.%%Y %%H:%%M:%%S,%%f' (not needed for "
+            "numbers, ISO 8601 and 10:00:00.25)",
         },
         "missing": {
             "action": "append",
             "metavar": "VALUE",
             "type": str,
-            "help": "a text or number that stands for a missing reading, such as NA or -1; may be "
+            "help": "a text or number that marks a missing reading, such as NA or -1; may be "
             "repeated",
         },
     },
@@ -91,7 +92,7 @@ _OPTIONS: dict[str | None, dict[str, dict[str, Any]]] = {
         "rate": {
             "metavar": "HZ",
             "type": float,
-            "help": "frames per second, for files without time",
+            "help": "frames per second, for files without a time column",
         },
     },
 }
@@ -114,6 +115,6 @@ def reading_options(arguments: argparse.Namespace) -> dict[str, Any]:
     values = {name: getattr(arguments, name) for name in names}
     options = {name: value for name, value in values.items() if value is not None}
     for name in ("tactile", "joint"):
-        if len(options.get(name, ())) == 1:  # the reader takes a single text for a pattern
+        if len(options.get(name, ())) == 1:  # the reader expects a pattern as a single text
             options[name] = options[name][0]
     return options

@@ -20,13 +20,12 @@ if TYPE_CHECKING:
 def option_names_in_errors(
     arguments: argparse.Namespace, excluded: Collection[str] = (), **renamed: str
 ) -> Iterator[None]:
-    r"""Replaces names of Python arguments by names of options in the messages of errors.
+    r"""Replaces names of Python arguments by names of options in error messages.
 
     Args:
-        arguments (argparse.Namespace): The options, each named like the Python argument that it
-            becomes.
-        excluded (collection of str): Names to keep, such as those of the arguments of a data set.
-        **renamed (str): Names of options that differ from those of the Python arguments.
+        arguments (argparse.Namespace): The options, each named like its Python argument.
+        excluded (collection of str): Names to keep, such as names of data set arguments.
+        **renamed (str): Names of options that differ from the names of the Python arguments.
 
     Raises:
         ValueError: The error about an argument, with its option named in the message.
@@ -42,7 +41,7 @@ def option_names_in_errors(
 
 
 def option_text(error: Exception, arguments: argparse.Namespace) -> str:
-    r"""Returns the message of an error with names of options for names of Python arguments."""
+    r"""Returns the message of an error with option names in place of Python argument names."""
     if isinstance(error, ArgumentError):
         return error.renamed(_option_names(arguments))
     return str(error)
@@ -58,7 +57,8 @@ def add_rest(group: Any) -> None:
         "--rest",
         metavar="N",
         type=positive,
-        help="subtract the mean of the first N frames of each trial, which are at rest",
+        help="subtract the mean of the first N frames of each trial, in which nothing touches the "
+        "sensor",
     )
 
 
@@ -82,9 +82,7 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 def run_with_bar(
     plan: "Plan", out: str, jobs: int | None, title: str, unit: str = "run", **options: Any
 ) -> "PlanRun":
-    r"""Runs a plan and shows a progress bar. Without a terminal there is no bar, and Ctrl-C removes
-    it.
-    """
+    r"""Runs a plan and shows a progress bar if there is a terminal. Ctrl-C removes the bar."""
     from tqdm import tqdm
 
     from torch_geometric_tactile.experiments.run_plan import run_plan
@@ -109,8 +107,8 @@ def report_failures(run: "PlanRun") -> int:
 
 
 def describe_plan(plan: "Plan", jobs: int | None, seconds: dict[str, float]) -> str:
-    r"""Returns a line on the samples, the protocol and the models of a plan, and the time that its
-    runs will take.
+    r"""Returns a line with the samples, the protocol and the models of a plan, and the estimated
+    time of its runs.
 
     Args:
         plan (Plan): A plan of one protocol.

@@ -13,8 +13,9 @@ _SECONDS_BETWEEN_LINES = 10.0  # without a terminal, such as in a log file
 
 
 class StatusLine:
-    r"""A status line on standard error, which is replaced in place on a terminal; elsewhere a new
-    line is written every ten seconds. While it is open, warnings appear on separate lines.
+    r"""A status line on standard error. On a terminal the line is updated in place; elsewhere a new
+    line is written every ten seconds. While the status line is open, warnings appear on separate
+    lines.
     """
 
     def __init__(self, out: TextIO | None = None) -> None:
@@ -26,8 +27,8 @@ class StatusLine:
         self._default_handler = logging.lastResort
 
     def show(self, text: str) -> None:
-        r"""Replaces the text of the line. On a narrow terminal the last parts of the text, which
-        are separated by two spaces, are left out.
+        r"""Replaces the text of the line. Parts of the text are separated by two spaces; a narrow
+        terminal omits the last parts.
         """
         if self._out is None:
             return

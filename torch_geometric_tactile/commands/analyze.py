@@ -16,8 +16,8 @@ EXTRAS = "train,viz"
 DESCRIPTION = """\
 Analyses a checkpoint or predictor on the test part of its data and writes DIR/analysis.md
 with figures: confusion matrix and ROC, the map of the edge encoder, node features in t-SNE
-and UMAP, and the taxels and patches that matter most. Each figure comes with its numbers and
-with those of untrained models for comparison. Needs the extras 'train' and 'viz'.
+and UMAP, and the taxels and patches that matter most. Each figure comes with its numbers, and
+with numbers from untrained models for comparison. Needs the extras 'train' and 'viz'.
 """
 EXAMPLES = """\
 examples:
@@ -32,8 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "model",
         metavar="MODEL",
         type=input_path,
-        help="a checkpoint of 'tactile fit', a predictor of 'tactile predict --save', or the name "
-        "of one in docs/pretrained.md",
+        help="a checkpoint from 'tactile fit', a predictor from 'tactile predict --save', or the "
+        "name of a predictor in docs/pretrained.md",
     )
     parser.add_argument(
         "--out",
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=not_negative,
         default=0,
-        help="seed of embeddings and untrained models (default: 0)",
+        help="seed for the embeddings and the untrained models (default: 0)",
     )
 
 

@@ -26,16 +26,15 @@ if TYPE_CHECKING:
 HELP = "Compare all models on all real data sets"
 EXTRAS = "train"
 DESCRIPTION = """\
-Runs 'tactile compare' with the default models on each real data set, by a fixed protocol per data
-set, and writes DIR/board.md and board.json: the accuracy and the rank of each model. With --own, a
-model of yours is compared as well. It takes hours on two cores; finished runs are kept, and the
-same command resumes an interrupted run. Missing data sets are downloaded where possible, and
-otherwise left out.
+Runs 'tactile compare' with the default models on each real data set, with one fixed protocol per
+data set. Writes the accuracy and the rank of each model to DIR/board.md and board.json. --own adds
+your own model. The comparison takes hours on two cores. Finished runs are kept: the same command
+resumes an interrupted one. Missing data sets are downloaded where possible and skipped otherwise.
 """
 EXAMPLES = """\
 examples:
-  tactile board --data DIR --jobs 2               DIR has a folder for each data set: DIR/BioTacSP
-  tactile board --data DIR --own my_nets.MyNet    the same with a model of your own
+  tactile board --data DIR --jobs 2               DIR has one folder per data set: DIR/BioTacSP
+  tactile board --data DIR --own my_nets.MyNet    the same, with your own model
   tactile board --sets digits,mat --epochs 3      a first look at two data sets
 """
 
@@ -46,8 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--data",
         metavar="DIR",
         type=input_path,
-        help="folder with a folder for each data set, named like its class (default: "
-        "$TACTILE_DATA, or the user's cache)",
+        help="folder with one folder per data set, named like its class (default: $TACTILE_DATA, "
+        "or the user's cache)",
     )
     parser.add_argument(
         "--out",
@@ -62,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=str,
         action="append",
         default=[],
-        help="import path of a model of your own, as in 'tactile compare'; may be repeated",
+        help="import path of your own model, as in 'tactile compare'; may be repeated",
     )
     parser.add_argument(
         "--sets",

@@ -1,4 +1,4 @@
-r"""``tactile calibrate``: fits forces to readings, on recordings that contain both."""
+r"""``tactile calibrate``: fits a map from readings to forces on recordings that contain both."""
 
 import argparse
 from collections.abc import Sequence
@@ -21,11 +21,12 @@ if TYPE_CHECKING:
 
 _FILE_UNIT = "unit of the file"
 
-HELP = "Fit forces to readings"
+HELP = "Fit a calibration from readings to forces"
 DESCRIPTION = """\
-Fits a polynomial from readings to forces measured in the same frames, by ridge regression, and
-prints the error on each recording for the fit to all other recordings. Degree and strength of
-the ridge are selected without the held-out recording. At least two recordings are needed.
+Fits a polynomial from readings to forces measured in the same frames, by ridge regression. Holds
+out each recording once, fits to the others, and prints the error on the held-out recording. The
+degree and the ridge strength are selected without the held-out recording. At least two recordings
+are needed.
 
 A frame without a measured force has NaN, or an empty cell. Forces are one or more numbers per
 frame for the whole sensor or, with --per taxel, for each taxel.
@@ -69,15 +70,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--per",
         choices=("sensor", "taxel"),
         default="sensor",
-        help="whether a force is that of the whole sensor or of one taxel (default: sensor)",
+        help="whether forces are measured for the whole sensor or for each taxel (default: sensor)",
     )
     parser.add_argument(
         "--degree",
         metavar="N",
         type=int,
         choices=(1, 2, 3),
-        help="degree of the polynomial in the channels of a taxel, 1 to 3 (default: the degree of "
-        "the smallest error)",
+        help="degree of the polynomial in the channels of a taxel, 1 to 3 (default: the degree "
+        "with the smallest error)",
     )
     parser.add_argument(
         "--force-unit",
@@ -141,7 +142,7 @@ def _read_recordings(paths: Sequence[Path], arguments: argparse.Namespace) -> li
     for path in paths:
         options = dict(common_options)
         if recording_format(path) == "named CSV":
-            # Otherwise the column of forces would be read as one of readings.
+            # Otherwise the force column would be read as a column of readings.
             options["extra"] = [*options.get("extra", ()), arguments.force]
         recording = read_recording(path, **options)
         if recordings:
@@ -154,7 +155,7 @@ def _read_recordings(paths: Sequence[Path], arguments: argparse.Namespace) -> li
     mismatched = [str(path) for path, size in zip(paths, sizes, strict=True) if size != sizes[0]]
     if mismatched:
         raise ValueError(
-            f"all recordings must be of one sensor in one unit: {sizes[0][0]} taxels and "
+            f"all recordings must be from one sensor in one unit: {sizes[0][0]} taxels and "
             f"{sizes[0][1]} channels in {sizes[0][2] or 'no unit'}, as in '{paths[0]}' (got "
             f"different ones in {short_list(mismatched, 3)})"
         )

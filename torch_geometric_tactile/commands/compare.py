@@ -60,28 +60,28 @@ MODELS = {
 HELP = "Compare graph models and baselines on your data, and recommend one"
 EXTRAS = "train,viz"
 DESCRIPTION = f"""\
-Trains graph models and baselines on a data set, each with settings chosen on a part of its
-training samples, tests each split once, and writes DIR/NAME.md, .csv, .json and .png. The last
-line recommends a model, says what is proved about it, and ends with a sentence to quote. Needs
-the extras 'train' and 'viz'.
+Trains graph models and baselines on a data set and tests each model once per split. The settings
+of a model are selected on a part of the training samples. Writes DIR/NAME.md, .csv, .json and
+.png. The last line recommends a model, states how well the scores support it, and ends with a
+sentence to quote. Needs the extras 'train' and 'viz'.
 
 data:
   FILE.npz     arrays x (S, N), (S, N, channels) or, with --grid, (S, rows, cols), and y (names or
                whole numbers for classes, other numbers for regression); optionally trial, group,
                session, set, joint, time (S, ...); and pos (N, 3) in metres without --layout, --grid
-  FOLDER       a folder of recordings for the data set RecordingFrames
-  CLASS        import path of a StaticDataset class; for a class of this package, its name is
-               enough. Also the import path of a PyG data set, or of a function that returns one
-               or a list of Data: samples of different sensors, for networks of your own with
+  FOLDER       a folder of recordings, read by the data set RecordingFrames
+  CLASS        import path of a StaticDataset class, or the name of a class of this package.
+               Also the import path of a PyG data set, or of a function that returns a PyG data
+               set or a list of Data: samples from different sensors, for your own networks with
                forward(x, edge_index, batch)
 
 models:
 {chr(10).join(f"  {name:18} {title}" for name, title in MODELS.items())}
   * only for samples of several frames (--window, --trials); the three 'posed' models are only
     for single frames
-  A model of your own, by its import path: the class of a network, which receives those of
-  num_classes, layout, num_taxels, in_channels, ... that it has as arguments, or a function or
-  class that returns a scikit-learn estimator.
+  Name your own model by its import path: a network class, or a function or class that returns a
+  scikit-learn estimator. A network class receives num_classes, layout, num_taxels, in_channels,
+  ... if it has arguments of these names.
 """
 EXAMPLES = """\
 examples:
@@ -89,13 +89,13 @@ examples:
   tactile compare touches.npz --layout skin.json --models taxel_net,svm_rbf,forest
   tactile compare touches.npz --layout biotac --by group --metric balanced_accuracy
   tactile compare touches.npz --grid 28x50 --models taxel_net,my_nets.MyNet
-                                                         a model of your own and TaxelNet
+                                                         your own model and TaxelNet
   tactile compare grasps --layout allegro_uskin --stride 20 --jobs 2
   tactile compare glove --layout glove.json --pattern '{person}_{object}_{trial}' --by person
                                                          recordings p1_cup_003.csv: the score for a
                                                          new person
   tactile compare grasps --layout glove.json --rest 6 --label grasp --joint 'bend_.*' --unit count
-                                                         CSV files with column names of your own
+                                                         CSV files with your own column names
   tactile compare grasps --layout allegro_uskin --init 'phases=[squeeze, lift, hold]' tare=hover
                                                          frames with contact only
   tactile compare my_glove.Gloves --init root=DIR --json > comparison.json
@@ -115,8 +115,8 @@ examples:
                                                          a first look
 
 Each finished run (a model on a split) is a file in DIR/runs: the same command resumes an
-interrupted one. docs/compare.md explains the parts of the data on which settings are selected, and
-the meaning of the recommendation.
+interrupted comparison. docs/compare.md explains the recommendation, and
+docs/compare_settings.md how settings are selected.
 """
 
 
@@ -158,7 +158,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--pattern",
         metavar="PATTERN",
         type=str,
-        help="what the file names of a folder of recordings say, such as "
+        help="form of the file names in a folder of recordings, such as "
         "'{person}_{object}_{trial}' for p1_cup_003.csv, or a regular expression with named groups "
         "(default: {object}_{trial})",
     )
@@ -175,9 +175,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=str,
         help="samples that a split keeps together: trial, group (the object), session, frame "
         "(single samples), or a name in --pattern, labels.csv, the metadata of recordings or "
-        "FILE.npz, such as person (default: trial; without trials group, if there are several; "
-        "otherwise frame); given: use the parts of the data set and recommend a model by "
-        "validation scores",
+        "FILE.npz, such as person (default: trial; without trials, group if there are several "
+        "groups; otherwise frame). 'given' uses the parts of the data set and recommends a model "
+        "by validation scores",
     )
     training.add_argument(
         "--folds", metavar="N", type=small_count, default=5, help="number of folds (default: 5)"
@@ -187,7 +187,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=small_count,
         default=1,
-        help="random draws of the folds, or trainings on given parts (default: 1)",
+        help="number of random draws of the folds or, with given parts, of training runs "
+        "(default: 1)",
     )
     training.add_argument(
         "--metric",
@@ -201,15 +202,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--members",
         metavar="N",
         type=positive,
-        help="networks in each averaged ensemble (default: 3, or 1 for many training samples or "
+        help="networks in each averaged ensemble (default: 3, or 1 with many training samples or "
         "readings)",
     )
     training.add_argument(
         "--tolerance",
         metavar="POINTS",
         type=percentage,
-        help="recommend a simpler model that is at most POINTS worse than the best, within one "
-        "standard error (default: 1 point; for regression 2, percent of the smallest error)",
+        help="recommend a simpler model if it is at most POINTS worse than the best model and "
+        "within one standard error of it (default: 1 percentage point; for regression, 2 percent "
+        "of the smallest error)",
     )
     add_reading_options(parser)
     cut = parser.add_argument_group("windows and rest")
@@ -217,33 +219,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--window",
         metavar="N",
         type=positive,
-        help="cut windows of N frames, each within one trial; their label is that of the last "
-        "frame",
+        help="cut each trial into windows of N frames; a window has the label of its last frame",
     )
     cut.add_argument(
         "--hop",
         metavar="N",
         type=positive,
-        help="frames between the starts of two windows (default: no overlap)",
+        help="frames between the starts of consecutive windows (default: N of --window, without "
+        "overlap)",
     )
     cut.add_argument(
         "--horizon",
         metavar="N",
         type=positive,
-        help="label each window with the frame N frames after its last (forecasting)",
+        help="forecasting: label each window by the frame N frames after its last frame",
     )
     cut.add_argument(
         "--trials",
         metavar="N",
         type=positive,
-        help="instead of windows: each trial is one sample, resampled to N frames",
+        help="instead of windows: use each trial as one sample, resampled to N frames",
     )
     cut.add_argument(
         "--time-axis",
         metavar="AXIS",
         type=positive,
-        help="the samples of an npz file are windows already: this dimension of x is time (1 is "
-        "the first after the samples)",
+        help="for an npz file whose samples are windows: the dimension of x that is time (1 is the "
+        "first after the samples)",
     )
     cut.add_argument(
         "--stride",
@@ -256,7 +258,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="HZ",
         type=hertz,
         help="resample all recordings of a folder to HZ frames per second (before all other "
-        "options), for windows of recordings that have several rates",
+        "steps), for windows of recordings with different frame rates",
     )
     add_rest(cut)
     output = parser.add_argument_group("output")
@@ -283,7 +285,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument(
         "--no-train",
         action="store_true",
-        help="train nothing except the model of --save; write the table of the finished runs",
+        help="train nothing except the model for --save; write the table of the finished runs",
     )
     output.add_argument("--json", action="store_true", help="print the results as JSON")
     add_workers(parser)
@@ -391,8 +393,7 @@ def _save_predictor(comparison: "Comparison", arguments: argparse.Namespace) -> 
 
     if arguments.model is None and recommended(comparison) is None:
         raise ValueError(
-            f"No model was saved, because none is recommended: {advice(comparison)} Select a model "
-            "with --model NAME"
+            f"No model was saved. {advice(comparison)} Select a model with --model NAME"
         )
     predictor = deploy(comparison, arguments.model)
     predictor.save(arguments.save)
@@ -454,8 +455,8 @@ def _init_names(pairs: list[str]) -> list[str]:
 
 
 def _dataset_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
-    r"""Returns the arguments of the data set: those of :obj:`--init`, the pattern, and the options
-    with which recordings are read.
+    r"""Returns the arguments of the data set: the arguments in :obj:`--init`, the pattern, and the
+    options for reading recordings.
     """
     dataset_arguments, reading = _parse_init(arguments.init), reading_options(arguments)
     folder_options = [*(["pattern"] if arguments.pattern else []), *reading]
@@ -464,7 +465,7 @@ def _dataset_arguments(arguments: argparse.Namespace) -> dict[str, Any]:
             Argument(folder_options[0]),
             f" must be left out unless DATA is a folder of recordings (got '{arguments.data}')",
         )
-    unit = reading.pop("unit", None)  # of recordings of all formats
+    unit = reading.pop("unit", None)  # applies to recordings of all formats
     options = {"pattern": arguments.pattern, "unit": unit, "read_options": reading or None}
     options = {name: value for name, value in options.items() if value is not None}
     for name in {*options} & {*dataset_arguments}:

@@ -28,9 +28,9 @@ _WRITABLE = ".h5, .hdf5, .npz, .mcap, .csv, .jsonl, .ndjson"
 HELP = "Convert a recording to another format"
 DESCRIPTION = """\
 Reads a recording and writes it in another format; the suffixes select the formats. A
-warning names all content that the new format cannot hold. If OUT ends in .lerobot, it is the
-folder of a LeRobot data set, and IN may be several recordings or folders with recordings,
-each recording an episode. `tactile convert bigs IN... OUT_DIR` imports grasps of the BiGS
+warning names all content that the new format cannot hold. If OUT ends in .lerobot, a LeRobot
+data set is written: IN may then be several recordings or folders of recordings, and each
+recording becomes an episode. `tactile convert bigs IN... OUT_DIR` imports grasps of the BiGS
 data set and has its own options: `tactile convert bigs --help`.
 """
 EXAMPLES = """\
@@ -119,13 +119,13 @@ def _add_lerobot_options(parser: argparse.ArgumentParser) -> None:
         "--every-frame",
         action="store_true",
         default=None,
-        help="keep all frames since the last step as well, for touch faster than the steps",
+        help="also keep all frames since the previous step, for sensors faster than the steps",
     )
     options.add_argument(
         "--nearest",
         action="store_true",
         default=None,
-        help="take the nearest frame for each step (default: the last one before it)",
+        help="use the frame nearest to each step (default: the last frame before the step)",
     )
     options.add_argument(
         "--gaps",
@@ -143,37 +143,37 @@ def _add_lerobot_options(parser: argparse.ArgumentParser) -> None:
         "--key",
         metavar="FEATURE",
         type=str,
-        help="feature of the readings: observation.environment_state, observation.state (joined to "
-        "the joint angles) or another name (default: observation.tactile, which no policy of "
+        help="feature for the readings: observation.environment_state, observation.state (joined "
+        "to the joint angles) or another name (default: observation.tactile, which no policy of "
         "LeRobot reads)",
     )
     options.add_argument(
         "--fill",
         type=float,
         metavar="NUMBER",
-        help="number in place of missing readings, which otherwise are NaN, as is the loss of a "
-        "policy that reads them",
+        help="number that replaces missing readings (default: NaN, which makes the loss of a "
+        "policy NaN)",
     )
     options.add_argument(
         "--task",
         metavar="TEXT",
         type=str,
-        help="the task of all episodes (default: the label of each)",
+        help="task of all episodes (default: the label of each recording)",
     )
     options.add_argument("--robot-type", metavar="NAME", type=str, help="name of the robot")
     options.add_argument(
         "--add-to",
         metavar="DATASET",
         type=input_path,
-        help="add the touch to a copy of this LeRobot data set: one recording per episode, in the "
-        "order of the episodes",
+        help="add the tactile readings to a copy of this LeRobot data set: give one recording per "
+        "episode, in the order of the episodes",
     )
     options.add_argument(
         "--start",
         action="append",
         type=float,
         metavar="SECONDS",
-        help="with --add-to: start of an episode by the clock of its recording; repeat it for each "
+        help="with --add-to: start of an episode on the clock of its recording; repeat it for each "
         "episode (default: the first frame)",
     )
 

@@ -1,4 +1,4 @@
-r"""``tactile demo``: compares models on real grasps by four kinds of test data, in a report."""
+r"""``tactile demo``: compares models on real grasps with four kinds of test data, in a report."""
 
 import argparse
 import os
@@ -17,13 +17,13 @@ from torch_geometric_tactile.commands._runs import (
     run_with_bar,
 )
 
-HELP = "Compare models on real grasps by four kinds of test data, and write a report"
+HELP = "Compare models on real grasps with four kinds of test data, and write a report"
 EXTRAS = "train,viz"
 DESCRIPTION = """\
-Runs 'tactile compare' on the BioTac SP grasp stability set, on raw readings and on readings less
-their common mode, with four kinds of test grasps: random grasps, new objects, a new recording
-session, and the official test with new objects in new sessions. Writes report.html with a table,
-pictures and a conclusion, and comparisons.json. Needs the extras 'train' and 'viz'.
+Runs 'tactile compare' on the BioTac SP grasp stability set, with raw readings and with readings
+whose common mode is subtracted. There are four kinds of test grasps: random grasps, new objects, a
+new recording session, and the official test with new objects in new sessions. Writes report.html
+with a table, pictures and a conclusion, and comparisons.json. Needs the extras 'train' and 'viz'.
 """
 EXAMPLES = """\
 examples:
@@ -33,7 +33,7 @@ examples:
   tactile demo --root recordings --seeds 3 --epochs 24
 
 Each finished run (a model on a split) is a file in DIR/runs: the same command resumes an
-interrupted one. 'tactile compare' does the same with your data.
+interrupted demo. 'tactile compare' does the same with your data.
 """
 
 
@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=small_count,
         default=3,
-        help="number of folds, and of trainings for the official test, at least 2 (default: 3)",
+        help="number of folds, and of training runs for the official test, at least 2 (default: 3)",
     )
     parser.add_argument(
         "--epochs",

@@ -12,10 +12,10 @@ DESCRIPTION = """\
 Writes a model as one ONNX graph that includes scaling, kinematics, edge features and the
 network, and runs without PyTorch. Its inputs are raw readings and, where needed, the
 reading at rest and joint angles; its outputs are probabilities. The graph is first compared
-with PyTorch: nothing is written if they differ by more than 1e-5. Needs the extra 'export'.
+with PyTorch: nothing is written if the outputs differ by more than 1e-5. Needs the extra 'export'.
 
-With --quantize, large linear maps have weights of eight bits: the file is smaller and faster, and
-its outputs differ slightly. Its labels are compared with those in single precision, on the
+--quantize stores the weights of large linear maps in eight bits: the file is smaller and faster,
+and its outputs differ slightly. The command compares the labels before and after, on the
 recordings of --check (such as validation recordings) or on random readings. The file is
 written in any case; the exit status is 1 if fewer than 99.9 % of the labels on the recordings
 agree.
@@ -28,8 +28,8 @@ examples:
                                                  with the unit of the readings in its metadata
   tactile export last.ckpt grasp.onnx --tare     subtracts the reading at rest in the graph
   tactile export grasp.predictor grasp8.onnx --quantize --check validation/*.h5 --rest 0.5
-                                                 weights of eight bits, compared on recordings
-                                                 that begin with half a second at rest
+                                                 eight-bit weights, compared on recordings that
+                                                 begin with half a second at rest
 """
 _MIN_EQUAL_LABELS = 0.999
 
@@ -40,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "predictor",
         metavar="MODEL",
         type=input_path,
-        help="a checkpoint, a predictor of 'tactile predict --save', or the name of one in "
-        "docs/pretrained.md, such as biotac_sp_slip",
+        help="a checkpoint, a predictor from 'tactile predict --save', or the name of a predictor "
+        "in docs/pretrained.md, such as biotac_sp_slip",
     )
     parser.add_argument(
         "model",
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--unit",
         choices=("count", "newton", "microtesla"),
-        help="unit of the readings, written to the metadata of the file",
+        help="unit of the readings, stored in the metadata of the file",
     )
     parser.add_argument(
         "--tare",
@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quantize",
         action="store_true",
-        help="weights of eight bits for linear maps of 524,288 weights (2 MB) and more",
+        help="eight-bit weights for linear maps with 524,288 weights (2 MB) or more",
     )
     parser.add_argument(
         "--check",
@@ -90,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--config",
         metavar="CONFIG",
         type=input_path,
-        help="configuration with a model or transforms of your own",
+        help="configuration with your own model or transforms",
     )
 
 
@@ -133,7 +133,7 @@ def run(arguments: argparse.Namespace) -> int:
     ]
     agreement = exported.agreement
     if agreement is not None:
-        lines.insert(-1, f"  weights of eight bits: {agreement}")  # before the time
+        lines.insert(-1, f"  eight-bit weights: {agreement}")  # before the time
     for line in lines:
         print(printable(line))
     share = None if agreement is None or not arguments.check else agreement.equal_labels

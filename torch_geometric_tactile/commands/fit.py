@@ -4,10 +4,10 @@ from torch_geometric_tactile.commands._lightning import lightning_command
 
 HELP = "Train a model from a configuration"
 DESCRIPTION = """\
-Trains a model as a configuration (YAML) describes it, and writes the run to
-runs/NAME/version_K: config.yaml, metrics.csv and checkpoints/last.ckpt. Any entry of the
-configuration can also be set on the command line, as in --trainer.max_epochs 20.
-Ctrl-C loses at most the current epoch; --ckpt_path resumes. Needs the extra 'train'.
+Trains the model described by a configuration (YAML) and writes the run to runs/NAME/version_K:
+config.yaml, metrics.csv and checkpoints/last.ckpt. Any entry of the configuration can also be
+set on the command line, as in --trainer.max_epochs 20. Ctrl-C loses at most the current epoch;
+--ckpt_path resumes the training. Needs the extra 'train'.
 """
 EXAMPLES = """\
 examples:

@@ -1,4 +1,4 @@
-r"""``tactile inspect``: summarises recordings as text, and one as a picture."""
+r"""``tactile inspect``: summarises recordings as text, and plots a single recording."""
 
 import argparse
 import json
@@ -13,15 +13,15 @@ from torch_geometric_tactile.commands._runs import option_names_in_errors, optio
 
 HELP = "Summarise a recording or a folder of recordings, and plot a recording"
 DESCRIPTION = """\
-Prints the number of frames, rate, taxels, range of the readings, joints, actions, metadata
-and taxels that do not measure (dead, constant, saturated, or equal to another) of a recording,
-and plots readings, contact, joints and actions over time. Reads HDF5, npz, MCAP and CSV files,
-logs of xela_log and messages of XELA's server. The plot needs the extra 'viz'.
+Summarises a recording: number of frames, frame rate, taxels, range of the readings, joints,
+actions, metadata, and taxels that do not measure (dead, constant, saturated, or equal to another
+taxel). Plots readings, contact, joints and actions over time; the plot needs the extra 'viz'.
+Reads HDF5, npz, MCAP and CSV files, logs of xela_log and messages of XELA's server.
 
-Of a folder, it summarises all recordings, without a plot: formats, rates, taxels, gaps, labels
-and objects with the number of recordings of each, and in which files which taxels do not
-measure. Files that cannot be read are listed with the reason, and the exit status is 1.
-The recordings of a LeRobot data set are its episodes; --tactile names its features of touch.
+For a folder, the command summarises all recordings, without a plot: formats, frame rates, taxels,
+gaps, the number of recordings per label and per object, and the files in which a taxel does not
+measure. Unreadable files are listed with the reason, and the exit status is 1. In a LeRobot data
+set, each episode is a recording; --tactile names the features with tactile readings.
 """
 EXAMPLES = """\
 examples:
@@ -58,14 +58,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument(
         "--json",
         action="store_true",
-        help="of a folder: print the facts of each recording as JSON",
+        help="for a folder: print the summary of each recording as JSON",
     )
     parser.add_argument(
         "--pattern",
         metavar="PATTERN",
         type=str,
-        help="of a folder: the form of the names of files without suffix, as for 'tactile "
-        "compare', whose names are listed; with a '/', subfolders are searched (default: "
+        help="for a folder: form of the file names without suffix, as in 'tactile compare'; the "
+        "summary lists the values of each name; with a '/', subfolders are searched (default: "
         "'{object}_{trial}')",
     )
     add_reading_options(parser)

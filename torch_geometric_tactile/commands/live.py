@@ -26,11 +26,11 @@ DESCRIPTION = """\
 Reads a sensor, runs a model on its frames, and shows the state on one line: frames per
 second, lost frames, the prediction and its latency. All frames are recorded; the model and
 the viewer always get the newest frame, so they never lag. A model trained on tared readings
-waits until the sensor has been still for a second (--rest), and so does --contact. A lost
-port or connection is reopened. Recorded frames are kept, however the command ends.
+first waits until the sensor has been still for a second (--rest); --contact does the same. A
+lost port or connection is reopened. Recorded frames are kept, however the command ends.
 
 Keys: t measures the reading at rest again, r starts and stops recording, m marks this moment
-in the recording, 1 to 9 begin and end an annotation (--labels) in it, q or Ctrl-C quits.
+in the recording, 1 to 9 start and end an annotation in it (--labels), q or Ctrl-C quits.
 """
 EXAMPLES = f"""\
 {SOURCE}
@@ -44,7 +44,7 @@ examples:
   tactile live "serial:/dev/ttyACM0?protocol=anyskin" --model slip.onnx --contact
                                                  "no contact" while nothing is touched
   tactile live sim: --record grasp.mcap --labels open,slip,hold
-                                                 key 2 begins a slip, and ends it
+                                                 key 2 starts and ends the annotation 'slip'
   tactile live sim: --view                       the simulated hand
 """
 
@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--model",
         metavar="FILE",
         type=input_path,
-        help="an .onnx file of 'tactile export', a predictor of 'tactile predict --save', a "
+        help="an .onnx file from 'tactile export', a predictor from 'tactile predict --save', a "
         "checkpoint, or the name of a predictor in docs/pretrained.md; all contain the scaling of "
         "the readings",
     )
@@ -88,8 +88,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--layout",
         metavar="LAYOUT",
         type=input_path,
-        help="order and positions of the taxels: a stock layout or a layout file (default: that of "
-        "the source or the model)",
+        help="order and positions of the taxels: a stock layout or a layout file (default: the "
+        "layout of the source or the model)",
     )
     parser.add_argument("--map", **MAP)
     model.add_argument(
@@ -107,13 +107,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rest",
         metavar="SECONDS",
         type=seconds,
-        help="how long the sensor must be still to measure its reading at rest (default: as long "
-        "as in the training of the model, or 1)",
+        help="how long the sensor must be still to measure its reading at rest (default: as in "
+        "the training of the model, or 1)",
     )
     model.add_argument(
         "--policy",
         choices=("newest", "all"),
-        help="frames passed to the model (default: newest, and all for models of windows)",
+        help="frames passed to the model (default: newest, or all for models that read windows)",
     )
     parser.add_argument(
         "--seconds",
@@ -205,7 +205,7 @@ def _model_layout(judge: "Judge | None", arguments: argparse.Namespace) -> "Taxe
     with suppress(ImportError, OSError, ValueError):
         from torch_geometric_tactile.sensors import TaxelLayout, as_layout
 
-        content = judge.info.get("layout_content")  # none in files of version 0.2.0
+        content = judge.info.get("layout_content")  # absent in files of version 0.2.0
         return (
             as_layout(judge.info["layout"]) if content is None else TaxelLayout.from_dict(content)
         )

@@ -29,12 +29,12 @@ HELP = "Write the predictions of a model for recordings or the test part"
 DESCRIPTION = """\
 Predicts each frame of recordings (HDF5, npz, MCAP, CSV, XELA logs and messages) or, without
 recordings, each sample of the test part of the model's data. Writes a CSV table with one
-row per frame: the predicted class or labels and all probabilities. Models of windows or
-whole trials give one row per window or trial, with its last frame. A model of CSV files
-contains the names of their columns.
+row per frame: the predicted class or labels and all probabilities. Models that read windows
+or whole trials give one row per window or trial, with the number of its last frame. A model
+trained on CSV files stores their column names.
 
-Recordings that cannot be read or predicted are listed at the end, and the exit status is 1; the
-table has the others.
+Recordings that cannot be read or predicted are missing from the table and listed at the end; the
+exit status is then 1.
 
 For each of the first 20 recordings, a picture shows the probabilities, the predicted class,
 contact and total pressure over time and, if it is recorded, the true class. Pictures need
@@ -47,18 +47,19 @@ examples:
   tactile predict last.ckpt grasps/*.h5 --out day2.csv
                                                  also day2-sponge_000.png, day2-sponge_001.png, ...
   tactile predict runs/mt_gcn/version_0/checkpoints/last.ckpt
-                                                 the test part of its data, to predictions.csv
+                                                 the test part of its data; writes predictions.csv
   tactile predict last.ckpt --config grasp_gcn_df --root data/BioTacSP
   tactile predict glove.predictor day2/*.h5 --rest 0.5
-                                                 a model with a tare: half a second at rest
+                                                 a model with a tare: recordings begin with half
+                                                 a second at rest
   tactile predict grasp.predictor day2/*.h5 --rest 0.5 --contact
                                                  "no contact" where nothing is touched
   tactile predict glove.predictor glove.csv --tactile 'pad_.*' --joint 'bend_.*'
                                                  a CSV file with other columns than in training
   tactile predict biotac_sp_slip grasps/*.npz    a trained model of the package
   tactile predict last.ckpt --save grasp.predictor
-                                                 layout, transforms, model and class names in
-                                                 one file, which needs no extra to be used
+                                                 one file with layout, transforms, model and
+                                                 class names; using it needs no extra
 """
 
 
@@ -68,8 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "model",
         metavar="MODEL",
         type=input_path,
-        help="a checkpoint of 'tactile fit', a predictor of --save, or the name of one in "
-        "docs/pretrained.md, such as biotac_sp_slip",
+        help="a checkpoint from 'tactile fit', a predictor from --save, or the name of a predictor "
+        "in docs/pretrained.md, such as biotac_sp_slip",
     )
     parser.add_argument(
         "recordings",
@@ -99,8 +100,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--adapt",
         action="store_true",
-        help="for models with session scaling: measure the scaling on each recording by itself, "
-        "without labels; for a tare, subtract the mean of the whole recording",
+        help="for models with session scaling: measure the scaling on each recording separately, "
+        "without labels; a tare then subtracts the mean of the whole recording",
     )
     parser.add_argument(
         "--rest",
@@ -119,7 +120,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--resample",
         action="store_true",
-        help="for models of windows: resample recordings of another rate to that of the training",
+        help="for models that read windows: resample recordings to the frame rate of the training "
+        "data",
     )
     add_run_data(parser)
     add_reading_options(parser)
@@ -169,7 +171,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.adapt and arguments.rest is None and predictor.measures_rest:
         # The mean of the whole recording also includes contacts.
         print(
-            "note: --adapt takes the mean of the whole recording as its reading at rest. Add "
+            "note: --adapt uses the mean of the whole recording as its reading at rest. Add "
             "--rest SECONDS if nothing touches the sensor in the first SECONDS",
             file=sys.stderr,
         )

@@ -14,14 +14,16 @@ _UPDATE_SECONDS = 0.1
 HELP = "Record a sensor to a file"
 DESCRIPTION = """\
 Writes every frame of a sensor to FILE until Ctrl-C, or for --seconds. An .mcap file is handed
-to the operating system every quarter of a second, so a crash of the program loses at most a
-quarter of a second, and a power cut a few seconds. Such a file can be read, and repaired with
-'tactile replay FILE --repair OUT'. An .h5 file is written at the end, and holds frames, events
-and annotations only. Until then the frames are in grasp.mcap; after a crash, convert them with
-'tactile convert grasp.mcap grasp.h5'. If no frame arrives for five periods and at least 50 ms,
-the file has an annotation 'gap'.
+to the operating system every quarter of a second: a crash of the program loses at most a
+quarter of a second, and a power cut a few seconds. An interrupted file is still readable;
+'tactile replay FILE --repair OUT' repairs it.
 
-Keys: m marks this moment in the file, 1 to 9 begin and end an annotation (--labels) in it,
+An .h5 file, such as grasp.h5, is written at the end and holds only frames, events and
+annotations. Until then the frames are in grasp.mcap; after a crash, convert them with
+'tactile convert grasp.mcap grasp.h5'. If no frame arrives for five frame periods and at least
+50 ms, the file gets an annotation 'gap'.
+
+Keys: m marks this moment in the file, 1 to 9 start and end an annotation in it (--labels),
 q or Ctrl-C ends the recording.
 """
 EXAMPLES = f"""\
@@ -29,12 +31,12 @@ EXAMPLES = f"""\
 examples:
   tactile record "serial:/dev/ttyACM0?protocol=anyskin" mug.mcap --label mug
   tactile record "serial:/dev/ttyACM0?protocol=lines&time=ms" mug.mcap
-                                                 lines of numbers, the time in ms first
+                                                 lines of numbers; the first is the time in ms
   tactile record ws://127.0.0.1:5000 grasp.mcap --layout allegro_uskin_368 --seconds 30
                                                  an Allegro hand, in the order of the layout,
                                                  with taxel positions for Foxglove
   tactile record sim: grasp.h5 --labels open,slip,hold
-                                                 key 2 begins a slip, and ends it
+                                                 key 2 starts and ends the annotation 'slip'
 """
 
 
@@ -135,7 +137,7 @@ def _wait_until_end(recorder: "Recorder", seconds: float | None, labels: list[st
     with line, key_bindings(actions) as handle_keys:
         while recorder.error is None and stream.state not in ("ended", "closed"):
             handle_keys()
-            # Frames of the last moments are still on the way when the time is over.
+            # The last frames are still on their way when the time is over.
             grace_seconds = LATE_SECONDS if recorder.frames else 0.0
             is_over = seconds is not None and stream.seconds >= seconds + grace_seconds
             if quit_pressed.is_set() or is_over or recorder.is_over:

@@ -17,16 +17,17 @@ _UPDATE_SECONDS = 0.1
 _PORT = 5000
 HELP = "Replay a recording, serve it like XELA's server, or repair it"
 DESCRIPTION = """\
-Replays a recording at its own speed and shows the state of the stream. With --serve it sends
-the frames over a WebSocket, in the messages of XELA's server, to any number of clients, to
-test a program without a hand. With --repair it recovers the frames of a truncated or damaged
-MCAP file.
+Replays a recording at its own speed and shows the state of the stream.
+
+--serve sends the frames over a WebSocket to any number of clients, as messages of XELA's server,
+so that you can test a program without a hand. --repair recovers the frames of a truncated or
+damaged MCAP file.
 """
 EXAMPLES = """\
 examples:
   tactile replay grasp.mcap --speed 4
   tactile replay grasp.mcap --serve ws --loop    clients connect to ws://127.0.0.1:5000
-  tactile replay grasp.h5 --serve ws:0           at any free port, which is printed
+  tactile replay grasp.h5 --serve ws:0           at a free port, which is printed
   tactile replay cut.mcap --repair whole.mcap
 """
 

@@ -39,8 +39,8 @@ objects:
   shapes     spheres, cylinders, boxes and ellipsoids of random size, mass and friction
   bigs       a cylinder, a box and a ball, lifted and shaken by three BioTac-like fingertips;
              failed grasps are kept, as in the BiGS data set
-  letters    stamps of A to Z pressed on an array of 32 x 32 pixels; a folder of .npy files
-             in kPa per letter, which the data set LetterShape reads
+  letters    stamps of A to Z pressed on an array of 32 x 32 pixels; writes a folder of .npy
+             files in kPa for each letter, which the data set LetterShape reads
 """
 EXAMPLES = """\
 examples:
@@ -65,9 +65,9 @@ examples:
                                                          the same letters on another array
 
 Finished trials are kept: the same command resumes an interrupted run, or adds --preview to a
-finished one. The same seed gives the same recordings for any --jobs. A run with more grasps or
-presses starts with the same recordings. Masses, frictions, skin and array are plausible, not
-measured.
+finished one. The same seed gives the same recordings for any --jobs. With more grasps or presses,
+the first recordings stay the same. The values of mass, friction, skin and array are plausible,
+not measured.
 """
 
 
@@ -77,7 +77,7 @@ def _option_settings(text: str, default: Any = None, **settings: Any) -> dict[st
 
 _OPTIONS = {
     "num_objects": _option_settings(
-        "objects drawn at random, with --objects shapes (default: 40)",
+        "with --objects shapes: number of random objects (default: 40)",
         metavar="N",
         type=small_count,
     ),
@@ -99,7 +99,7 @@ _OPTIONS = {
         "with --objects letters: presses per letter (default: 500)", metavar="N", type=small_count
     ),
     "layout": _option_settings(
-        "with --objects letters: layout file of the array, such as that of "
+        "with --objects letters: layout file of the array, such as one written by "
         "sensors.hexagonal(34, 30, 0.00134).save('hexagonal.json') (default: 32 x 32 pixels, "
         "1.25 mm apart)",
         metavar="FILE",
@@ -114,10 +114,12 @@ _OPTIONS = {
         choices=_PRESETS,
     ),
     "seconds": _option_settings(
-        "length of a trial, 1 to 3600 (default: the preset's)", metavar="S", type=trial_seconds
+        "length of a trial in seconds, 1 to 3600 (default: as in --preset)",
+        metavar="S",
+        type=trial_seconds,
     ),
     "spread": _option_settings(
-        "variation of the grasps in position, rotation and posture; wide: up to twice that of "
+        "variation of the grasps in position, rotation and posture; wide: up to twice as much as "
         "careful, and occasionally a finger that hardly closes (default: careful)",
         "careful",
         choices=_SPREADS,
@@ -152,7 +154,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--objects",
         choices=(*_OBJECT_SETS, _BIGS, _LETTERS),
         default="paper8",
-        help="objects that are grasped (default: paper8; see above)",
+        help="objects to grasp (default: paper8; see above)",
     )
     hand = parser.add_argument_group("Allegro hand")
     fingertips_and_letters = parser.add_argument_group("three fingertips and letters")
@@ -219,7 +221,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
             f"'--layout' must be left out for objects other than '{_LETTERS}' (got "
             f"'{arguments.layout}'): '--hand' selects the taxels of a hand"
         )
-    # An option that has no effect is an error, because its user expects one.
+    # An option without effect is an error, because its user expects an effect.
     for name in _HAND_OPTIONS if arguments.objects in _COUNT_OPTIONS else ():
         if (value := getattr(arguments, name)) != _OPTIONS[name]["default"]:
             option = f"--{name.replace('_', '-')}"

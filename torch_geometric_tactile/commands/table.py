@@ -58,8 +58,8 @@ tables:
   p2-table2   objects: 18 GCNs by segmentation of the hand (with their AUC, Table III)
   p2-scaling  the same, with positions in metres, as in the paper, or scaled
   p2-table4   training memory of these 18
-  p2-picks    P2 without segments and with one for each finger, and edge features, on public picks
-              with two fingers (USkinPick, which you fetch yourself)
+  p2-picks    P2 without segments and with one segment per finger, and edge features, on public
+              picks with two fingers (USkinPick, which you fetch yourself)
   p2-icub     the first two on public grasps of a hand with five fingertips (ICubGrasp, which you
               fetch yourself)
   p3          grasp stability over time: SVM, LSTM, GCN on one or three fingers, and our models
@@ -76,25 +76,25 @@ tables:
   sparsh-p1   P1's 36 models on public recordings of a real hand with 368 taxels, by object
               (Sparsh-skin, which you fetch yourself; without its files, an error explains how)
   sparsh-p2   P2's 18 models on the same
-  FILE.yaml   your own table, on any data set (see docs/experiments.md)
+  FILE.yaml   your own table, for any data set (see docs/experiments.md)
 """
 EXAMPLES = """\
 examples:
-  tactile simulate --out sim --jobs 2                    makes recordings, if you have none
+  tactile simulate --out sim --jobs 2                    simulates recordings, if you have none
   tactile table p2-table2 --list                         the experiments and the published numbers
   tactile table p2-table2 --root sim --stride 200 --epochs 1 --seeds 1
                                                          a first look, in minutes
   tactile table p1-table2 --root sim --stride 20 --epochs 30 --jobs 2
   tactile table p1-table2 --root sim --stride 20 --epochs 30 --only '*gcn_te*'
-                                                         only these models; earlier runs
-                                                         of other models stay in the table
+                                                         trains only these models; earlier
+                                                         runs of other models stay in the table
   tactile table p1-table2 --root mine --tare 0.5         your recordings: the first half second
                                                          of each trial is at rest
-  tactile simulate --objects bigs --out bigs --jobs 2    makes grasps for P3
+  tactile simulate --objects bigs --out bigs --jobs 2    simulates grasps for P3
   tactile table p3 --root bigs --seeds 1 --protocols random
                                                          the paper's protocol, once
   tactile simulate --objects twenty --motion squeeze --trials 30 --spread wide --seconds 10 \\
-    --preset ci --max-attempts 40 --out twenty --jobs 2  makes squeezes for P4
+    --preset ci --max-attempts 40 --out twenty --jobs 2  simulates squeezes for P4
   tactile table p4 --root twenty --seeds 1 --epochs 20   a first look at all seven patterns
   tactile simulate --objects letters --presses 100 --out letters --jobs 2
   tactile table p5 --root letters --epochs 20 --protocols press --jobs 2
@@ -102,9 +102,9 @@ examples:
   tactile table sparsh-p1 --root sparsh --jobs 2         the published recordings, by episode
 
 Each finished run (a model, a seed, a protocol) is a file in DIR/runs: the same command resumes
-an interrupted one, and tables with the same DIR share their runs. Nothing is selected on the test
-part: the number of epochs is fixed, and each model is tested once, at the end.
-A single experiment: tactile fit --config p1_table2/mt_gcn_te_joint
+an interrupted table, and tables with the same DIR share their runs. Nothing is selected on the
+test part: the number of epochs is fixed, and each model is tested once, at the end.
+To train a single model: tactile fit --config p1_table2/mt_gcn_te_joint
 """
 
 
@@ -114,7 +114,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "name",
         metavar="TABLE",
         type=_table_name,
-        help=f"{', '.join(TABLES)}, or a .yaml file of your own",
+        help=f"{', '.join(TABLES)}, or your own .yaml file",
     )
     parser.add_argument(
         "--list",
@@ -148,7 +148,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--epochs",
         metavar="N",
         type=positive,
-        help="epochs (default: the configurations')",
+        help="epochs (default: from the configurations)",
     )
     data.add_argument(
         "--stride",
@@ -168,8 +168,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="REST",
         type=rest,
         default=_TABLE_DEFAULT,
-        help="frames at rest, whose mean is subtracted from each trial: a phase, the first seconds "
-        "of the trial, or none (default: that of the table; hover for the tables of papers)",
+        help="frames at rest, whose mean is subtracted from each trial: a phase, the number of "
+        "seconds at the start of the trial, or none (default: set by the table; hover for the "
+        "tables of papers)",
     )
     training.add_argument(
         "--protocols",
@@ -231,7 +232,7 @@ def list_outputs(arguments: argparse.Namespace) -> list[OutputPath]:
         kinds[f"{table.name}-orderings.csv"] = text_kind(
             "the orderings of a table", "ordering,protocol,first,second,"
         )
-    # The results of a study determine its pictures, so existing pictures are listed.
+    # The results of a study determine its pictures, so the existing pictures are listed.
     pictures = Path(arguments.out).glob(f"{glob.escape(table.name)}-*.png")
     kinds |= {path.name: PICTURE for path in pictures}
     return files_in_folder(arguments.out, kinds)

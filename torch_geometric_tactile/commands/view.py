@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 HELP = "Show a sensor or a recording in the browser"
 DESCRIPTION = """\
-Shows the readings of a sensor relative to its rest: pressure as colour and shear as arrows,
-on the posed hand or on a flat layout. A recording is repeated at its own speed. The first
-second counts as rest; the button of the page, or its key T, measures it again. To run a
-model or record as well, use 'tactile live --view'. Ctrl-C quits.
+Shows the readings of a sensor relative to its reading at rest: pressure as colour and shear as
+arrows, on the posed hand or on a flat layout. A recording is replayed in a loop at its own speed.
+The sensor should be at rest in the first second; the button of the page, or key T, measures the
+rest again. To run a model or to record as well, use 'tactile live --view'. Ctrl-C quits.
 """
 EXAMPLES = f"""\
 {SOURCE}
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="LAYOUT",
         type=input_path,
         help="positions of the taxels: a stock layout, a layout file, or the rows and columns of a "
-        "grid, such as 16x16 (default: that of the source, else a grid in order of the taxels)",
+        "grid, such as 16x16 (default: the layout of the source, else a grid in taxel order)",
     )
     parser.add_argument("--map", **MAP)
     parser.add_argument(
@@ -90,7 +90,7 @@ def _show_until_end(stream: "Stream", viewer: "Viewer") -> None:
 
 
 def _measure_rest(stream: "Stream", viewer: "Viewer") -> None:
-    # Rest is measured when the stream starts, even if a page is opened later.
+    # The reading at rest is measured when the stream starts, even if a page opens later.
     from torch_geometric_tactile.live._viewer.page import FirstSecond
 
     rest = FirstSecond()

@@ -1,4 +1,4 @@
-r"""The board: the same models on all real data sets, each by one fixed protocol."""
+r"""The board: the same models on all real data sets, each with one fixed protocol."""
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,15 +27,15 @@ class BoardSet:
     Args:
         name (str): Name of the column.
         dataset (str): Name of a class of :mod:`torch_geometric_tactile.datasets`.
-        task (str): The classes, and the novelty of the test part, in words.
+        task (str): The classes and what is new in the test part, in words.
         by (str): The unit that a split keeps together, as in :class:`ComparisonSettings`.
-        arguments (dict): Arguments of the class without its root.
+        arguments (dict): Arguments of the class, except its root.
         stride (int, optional): Keeps every :obj:`stride`-th frame of each trial.
         trials (int, optional): Number of frames that whole trials are resampled to.
         rest (int, optional): Number of frames at the start of each trial in which nothing touches
             the sensor.
-        ranks (bool): Whether it counts for the mean place. False where a shortcut in the data set
-            or perfect scores make models look alike.
+        ranks (bool): Whether the data set counts for the mean rank. It does not count if a
+            shortcut in the data set or perfect scores make models look alike.
     """
 
     name: str
@@ -117,7 +117,7 @@ BOARD: tuple[BoardSet, ...] = (
     BoardSet(
         "iCub",
         "ICubGrasp",
-        "ten objects, every fourth frame; new trials, five folds (the first frame tells)",
+        "ten objects, every fourth frame; new trials, five folds (the first frame is enough)",
         "trial",
         stride=4,
         ranks=False,
@@ -125,7 +125,7 @@ BOARD: tuple[BoardSet, ...] = (
     BoardSet(
         "eFlesh",
         "EFleshSlip",
-        "slip or hold, sequences of 30 frames less their rest; another run of slip (too easy)",
+        "slip or hold, 30 frames minus their rest; another run of slip (too easy)",
         "given",
         trials=30,
         rest=10,
@@ -135,14 +135,14 @@ BOARD: tuple[BoardSet, ...] = (
 
 
 class BoardColumn(NamedTuple):
-    r"""Comparisons on one data set: that of the stock models, and that of the user's models."""
+    r"""The comparisons of the stock models and of the user's models on one data set."""
 
     board_set: BoardSet
     comparisons: Sequence[Comparison]
 
     @property
     def results(self) -> dict[str, ModelResult]:
-        r"""Result of each model by its name, the best first."""
+        r"""The result of each model by its name, best model first."""
         scored_results = [
             (comparison.goodness(result), result)
             for comparison in self.comparisons
@@ -169,15 +169,15 @@ def board_plans(
     names: Sequence[str] | None = None,
     **overrides: Any,
 ) -> Iterator[tuple[BoardSet, list[Plan]]]:
-    r"""Yields the data sets of the board that can be opened, each with the plan of the stock models
-    that fit it and, if there are any, the plan of the user's models. Data sets with missing files
-    are logged and skipped.
+    r"""Yields the data sets of the board that can be opened, each with one or two plans: for the
+    stock models that fit it and, if there are any, for the user's models. Data sets with missing
+    files are logged and skipped.
 
     Args:
         data (str or PathLike, optional): A folder with a subfolder for each data set, named like
             its class. If left out, each data set is read from its default root.
         user_models (sequence of str): Import paths of the user's models.
-        names (sequence of str, optional): Names of the columns; all if left out.
+        names (sequence of str, optional): Names of the columns. Defaults to all columns.
         **overrides (Any): Further :class:`ComparisonSettings`.
 
     Raises:

@@ -1,4 +1,4 @@
-r"""Objects built from plain data: the import path of a class, and its arguments."""
+r"""Builds objects from plain data: the import path of a class, and its arguments."""
 
 import inspect
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from torch_geometric_tactile.sensors import TaxelLayout
 
 
 def find_class(class_path: str) -> Any:
-    r"""Returns the class, or function, of an import path.
+    r"""Returns the class or function at an import path.
 
     Raises:
         ValueError: If it cannot be imported.
@@ -48,15 +48,15 @@ def check_arguments(class_path: str, arguments: Mapping[str, Any]) -> None:
                 f" must be an argument of {class_path.rpartition('.')[2]}: "
                 f"{', '.join(names)} (got none)",
             )
-    for value in arguments.values():  # such as the data set that a view is cut from
+    for value in arguments.values():  # such as the data set from which a view is cut
         if isinstance(value, Mapping) and "class_path" in value:
             check_arguments(value["class_path"], value.get("init_args") or {})
 
 
 def build_object(content: Any, layout: TaxelLayout | None = None) -> Any:
-    r"""Builds objects from plain data. A mapping with :obj:`class_path`, and :obj:`init_args` if
-    there are arguments, becomes an object of that class, also inside lists and arguments. All other
-    values are returned unchanged.
+    r"""Returns plain data with built objects. A mapping with :obj:`class_path`, and
+    :obj:`init_args` if there are arguments, becomes an object of that class. Mappings inside lists
+    and arguments are converted as well. All other values are returned unchanged.
 
     Args:
         content (Any): The plain data.

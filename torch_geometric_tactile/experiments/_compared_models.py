@@ -26,7 +26,7 @@ from torch_geometric_tactile.transforms import TaxelDescriptors
 
 _MODELS = "torch_geometric_tactile.nn.models."
 _BASELINES = "torch_geometric_tactile.baselines."
-_MAX_SVM_SAMPLES = 10_000  # the training time of a kernel grows with their square
+_MAX_SVM_SAMPLES = 10_000  # the training time of a kernel grows with the square of this number
 _Candidates = Sequence[dict[str, Any]]
 _Arguments = dict[str, Any]
 
@@ -36,18 +36,19 @@ class ComparedModel:
     r"""A model of a comparison.
 
     Args:
-        name (str): Its name in commands and results.
-        title (str): A description for reports.
-        class_name (str): Name of its class, or import path of a user's model.
+        name (str): Name of the model in commands and results.
+        title (str): Description for reports.
+        class_name (str): Name of the class, or import path of a user's model.
         settings (sequence of dict or callable): The candidate settings, the default first, or a
             function that returns them for a task.
         arguments (dict or callable): Arguments of the class, or a function that returns them for a
             task.
         module_prefix (str): The module of the class with a final dot; empty for an import path.
-        is_graph (bool): Whether it reads edges.
-        obstacle (callable): Returns why it cannot be compared on a task; empty if it can.
-        max_taxels (int, optional): With more taxels it is compared only if named, since its
-            training takes long.
+        is_graph (bool): Whether the model reads edges.
+        obstacle (callable): Returns why the model cannot be compared on a task, or an empty text if
+            it can.
+        max_taxels (int, optional): With more taxels, the model is compared only if it is named,
+            because its training takes long.
     """
 
     name: str
@@ -124,7 +125,7 @@ class _Estimator(ComparedModel):
         options = {"scaled": scaled, "filled": scaled, "centred": self.centred}
         options["posed"] = self.sums_patches and task.has_pose
         path = f"{self.module_prefix}{self.class_name}"
-        if self.module_prefix:  # models of the user need not have our arguments
+        if self.module_prefix:  # the user's models need not have these arguments
             arguments["task"] = "regression" if task.is_regression else "multiclass"
         if self.module_prefix and task.metric == "balanced_accuracy" and self.name != FLOOR:
             arguments["class_weight"] = "balanced"
@@ -142,7 +143,7 @@ class _Estimator(ComparedModel):
 def _estimator_setting(
     task: ComparedTask, options: dict[str, bool], setting: dict[str, Any]
 ) -> _Arguments:
-    # Returns a setting as plain data. Options of the transform replace the transform as a whole.
+    # Returns a setting as plain data. Options of the transform replace the entire transform.
     option_names = {*options, "square_root", "normalized"}
     overrides = {key: value for key, value in setting.items() if key in option_names}
     arguments = {key: value for key, value in setting.items() if key not in overrides}
@@ -185,10 +186,10 @@ _DESCRIPTOR_FOREST_CANDIDATES: _Candidates = [
     {"normalized": True, "square_root": True, "balanced": False},
 ]
 _DRAFT_TREES = {"num_trees": 100}
-_NUM_TREES_LARGE = 150  # for many samples or readings, where each tree takes long
+_NUM_TREES_LARGE = 150  # for many samples or readings, when each tree takes long
 _RIDGE_CANDIDATES = [{"alpha": alpha} for alpha in (1.0, 0.1, 10.0, 100.0)]
 _DROPOUT_CANDIDATES = [{}, _weight_decay_setting(0.1, dropout=0.5)]
-_NO_TAXEL_DROPOUT = {"taxel_dropout": 0.0}  # where each taxel has unique information
+_NO_TAXEL_DROPOUT = {"taxel_dropout": 0.0}  # if each taxel has unique information
 _OPERATOR_CANDIDATES: _Candidates = [
     {},
     {"model": {"init_args": _NO_TAXEL_DROPOUT}},
@@ -275,7 +276,8 @@ def _cnn_candidates(task: ComparedTask) -> _Candidates:
 
 
 def _mirrored_candidates(task: ComparedTask, setting: dict[str, Any]) -> _Candidates:
-    # Only for one channel: mirroring changes the sign of one shear channel, of unknown number.
+    # Only for one channel: mirroring would change the sign of one shear channel, and it is not
+    # known which one.
     if task.num_channels > 1 or not task.has_few_samples:
         return []
     return [{**setting, "train_transform": task.shift(mirrored=True)}]
@@ -301,8 +303,8 @@ def _tree_arguments(task: ComparedTask) -> _Arguments:
 
 
 def _descriptor_forest_candidates(task: ComparedTask) -> _Candidates:
-    # Forests repeat descriptors where readings are more numerous, so that trees draw both equally
-    # often. Without repetition, the setting that turns it off equals the default.
+    # Forests repeat descriptors if there are more readings than descriptors, so that trees draw
+    # both equally often. Without repetition, the setting that turns it off equals the default.
     assert task.layout is not None
     names = TaxelDescriptors(task.layout).names(of_windows=task.num_frames is not None)
     is_repeated = num_repeats(task.num_taxels * (task.num_frames or 1), len(names)) > 1
@@ -471,11 +473,11 @@ _BY_NAME = {model.name: model for model in MODELS}
 
 
 def select_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[ComparedModel, ...]:
-    r"""Returns models by their names, stock models first, in their fixed order.
+    r"""Returns models by their names, with the stock models first in a fixed order.
 
     Args:
-        names (sequence of str, optional): Names, or import paths of the user's models. If left out,
-            all stock models that fit the task, without those too slow for its number of taxels.
+        names (sequence of str, optional): Names, or import paths of the user's models. Defaults to
+            all stock models that fit the task and are not too slow for its number of taxels.
         task (ComparedTask): The task.
 
     Raises:
@@ -500,37 +502,37 @@ def select_models(names: Sequence[str] | None, task: ComparedTask) -> tuple[Comp
 
 
 def describe_obstacle(model: ComparedModel, task: ComparedTask) -> str:
-    r"""Returns why a model cannot be compared on a task; empty if it can. Without a common layout,
-    only the constant answer and a user's network for batches of PyG can.
+    r"""Returns why a model cannot be compared on a task, or an empty text if it can. Without a
+    common layout, only the constant answer and a user's networks for PyG batches can be compared.
     """
     if task.layout is not None:
         return model.obstacle(task)
     if model.name == FLOOR:
         return ""
-    layouts = f"the samples, which have {task.taxel_counts}, have no layout that all share"
+    layouts = f"the samples, which have {task.taxel_counts}, share no layout"
     if model.name in _BY_NAME:
-        return f"it is a model of one layout, and {layouts}"
+        return f"it needs one layout, and {layouts}"
     if isinstance(model, _Estimator):
-        return f"it takes rows of readings of one sensor, and {layouts}"
+        return f"it reads rows of readings from one sensor, and {layouts}"
     if not takes_batch(find_class(model.class_name)):
         return f"it is not called as forward(x, edge_index, batch), and {layouts}"
     return ""
 
 
 def check_model_names(names: Sequence[str]) -> None:
-    r"""Checks that names are those of stock models, or import paths.
+    r"""Checks that each name is the name of a stock model or an import path.
 
     Raises:
         ValueError: If a name is neither, or there are no names.
     """
-    requirement = f"must be some of {', '.join(_BY_NAME)}, or import paths of your own"
+    requirement = f"must be some of {', '.join(_BY_NAME)}, or import paths of your own models"
     unknown = [f"'{name}'" for name in names if name not in _BY_NAME and "." not in name]
     need_argument(names and not unknown, "models", requirement, unknown[0] if unknown else "none")
 
 
 def find_model(name: str) -> ComparedModel:
-    r"""Returns a stock model by its name, or a user's model by its import path: the class of a
-    network, or a class or function that returns an estimator of scikit-learn.
+    r"""Returns a stock model by its name, or a user's model by its import path. A user's model is a
+    network class, or a class or function that returns a scikit-learn estimator.
 
     Raises:
         ValueError: If it cannot be imported, or is not callable.
@@ -540,19 +542,20 @@ def find_model(name: str) -> ComparedModel:
     module, _, attribute = name.rpartition(".")
     try:
         constructor = getattr(import_user_module(module), attribute)
-    except Exception as error:  # importing runs code of the user, which may raise anything
+    except Exception as error:  # importing runs the user's code, which may raise anything
         text = str(error) if isinstance(error, AttributeError | ImportError) else repr(error)
         raise ArgumentError(
             Argument("models"),
-            f" must be names of stock models or import paths of your own (got '{name}': {text})",
+            f" must be names of stock models or import paths of your own models (got '{name}': "
+            f"{text})",
         ) from error
     need_argument(
         callable(constructor),
         "models",
-        f"must be names of stock models, or import paths of a class or function of yours (got "
+        f"must be names of stock models, or import paths of your own classes or functions (got "
         f"'{name}', which is of type {type(constructor).__name__})",
     )
-    title = f"{name}, a model of your own"
+    title = f"{name}, your own model"
     if not (isinstance(constructor, type) and issubclass(constructor, Module)):
         return _Estimator(name, title, name, module_prefix="")
     is_graph = getattr(constructor, "needs_edges", False)

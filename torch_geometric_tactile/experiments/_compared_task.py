@@ -1,4 +1,4 @@
-r"""The task of the models in a comparison: the data and the sizes that settings depend on."""
+r"""The task of the models in a comparison: the data and the sizes on which settings depend."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,22 +15,22 @@ from torch_geometric_tactile.sensors import HandKinematics, TaxelLayout, stock_l
 from torch_geometric_tactile.training.training_recipe import TrainingRecipe, training_recipe
 
 _TRANSFORMS = "torch_geometric_tactile.transforms."
-# With more training samples, averaging networks gains little, and a network is selected on one
-# validation part. Estimators still need two, since a part may hold few trials or persons.
+# With more training samples, averaging networks improves little, and one validation part is enough
+# to select a network. Estimators still need two, since a part may contain few trials or persons.
 _SMALL_TRAINING_SIZE = 1000
 _NUM_MEMBERS = 3
 _NUM_REPEATS = 3
 _NUM_REPEATS_LARGE = 2  # for estimators
-# Cuts on which models are scored where they share a given test part. Small training parts use all
-# five fifths, since each has very few samples, unless a large sensor makes training slow.
+# Number of cuts on which models are scored if they share a given test part. Small training parts
+# use all five fifths, since each has very few samples, unless a large sensor makes training slow.
 _NUM_VALIDATION_CUTS, _NUM_VALIDATION_CUTS_SMALL = 3, 5
 _MAX_SELECTION_SAMPLES = 1000  # to fit an estimator on while settings are compared
-# Above both limits, only the first setting of a network is trained, and a single network.
+# Above both limits, only one network is trained, with the first setting.
 LARGE_SENSOR_TAXELS = 500
 _SLOW_TRAINING_READINGS = 500_000  # taxels times training samples
 NO_PREDICTOR = (
-    "a predictor is of one layout, and the samples have none that all share: train the network "
-    "with TactileModule, and keep its checkpoint"
+    "a predictor needs one layout, and the samples share no layout: train the network with "
+    "TactileModule, and keep its checkpoint"
 )
 _MIN_IMAGE_SIZE = 8  # rows and columns; smaller images are not shifted in training
 _MINIROCKET_KERNEL_FRAMES = 9  # the length of its kernels
@@ -46,12 +46,13 @@ class ComparedTask:
         metric (str): The score that is compared.
         num_train (int): Number of training samples.
         has_pose (bool): Whether the joint angles of the samples place the taxels.
-        epochs (int, optional): Epochs of networks; by the number of samples if left out.
+        epochs (int, optional): Epochs of networks. Defaults to a number that depends on the number
+            of samples.
         tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`.
-        members (int, optional): Number of averaged networks; by the number of samples if
-            :obj:`None`.
-        num_frames (int, optional): Number of frames in a sample; :obj:`None` for single frames.
-        num_channels (int): Number of channels of a taxel in a frame.
+        members (int, optional): Number of averaged networks. Defaults to a number that depends on
+            the number of samples.
+        num_frames (int, optional): Number of frames per sample; :obj:`None` for single frames.
+        num_channels (int): Number of channels per taxel and frame.
         taxel_counts (str): Without a layout, the numbers of taxels in words.
         max_taxels (int): Without a layout, the number of taxels of the largest sample.
         has_given_parts (bool): Whether the training and test parts are given by the data set.
@@ -85,7 +86,7 @@ class ComparedTask:
             dataset (StaticDataset): The samples.
             metric (str): The score that is compared.
             num_train (int): Number of training samples.
-            num_frames (int, optional): Number of frames in a sample of several.
+            num_frames (int, optional): Number of frames per sample; :obj:`None` for single frames.
             **options (Any): Further arguments of the task.
         """
         width = dataset.batch(torch.tensor([0])).x.shape[-1]
@@ -104,7 +105,7 @@ class ComparedTask:
 
     @property
     def num_taxels(self) -> int:
-        r"""The number of taxels; without a layout, of the largest sample."""
+        r"""The number of taxels; without a layout, the number in the largest sample."""
         return self.max_taxels if self.layout is None else self.layout.num_taxels
 
     @property
@@ -130,7 +131,7 @@ class ComparedTask:
 
     @property
     def is_slow(self) -> bool:
-        r"""Whether training a network is slow, with many taxels and more than 500,000 readings."""
+        r"""Whether training a network is slow: with many taxels and more than 500,000 readings."""
         return self.has_many_taxels and self.num_taxels * self.num_train > _SLOW_TRAINING_READINGS
 
     @property
@@ -163,7 +164,9 @@ class ComparedTask:
 
     @property
     def cnn_widths(self) -> list[int]:
-        r"""Channels of each stage of a CNN, which halves the map, down to two or three cells."""
+        r"""Channels of each stage of a CNN. Each stage halves the map, down to two or three
+        cells.
+        """
         stages = round(math.log2(min(self.map_size))) - 1
         return [16, 32, *[64] * (stages - 2)] if stages > 2 else [32, 64]
 
@@ -191,13 +194,13 @@ class ComparedTask:
         is_estimator: bool = False,
         draft: Mapping[str, Any] | None = None,
     ) -> Choice:
-        r"""Returns the selection of settings of a model, with numbers of cuts, samples and networks
-        that fit the size of the task.
+        r"""Returns the selection of settings of a model. The numbers of cuts, samples and networks
+        depend on the size of the task.
 
         Args:
             settings (sequence of dict): The settings, the default first.
-            is_estimator (bool): Whether the model is an estimator of scikit-learn.
-            draft (Mapping, optional): As of :class:`Choice`.
+            is_estimator (bool): Whether the model is a scikit-learn estimator.
+            draft (Mapping, optional): As in :class:`Choice`.
         """
         members = self.members or (_NUM_MEMBERS if self.is_quick else 1)
         has_all_cuts = self.has_few_samples and not self.has_many_taxels
@@ -230,7 +233,7 @@ class ComparedTask:
             posed (bool): Whether to place the taxels by the joint angles.
             filled (bool): Whether to fill missing readings.
             square_root (bool): Whether to take square roots of the readings.
-            normalized (bool): Whether to divide each sample by its RMS.
+            normalized (bool): Whether to divide each sample by its root mean square.
             centred (bool): Whether scaling subtracts the mean.
         """
         steps = [] if self.tare is None else [_step("Tare", self.tare)]
@@ -278,42 +281,43 @@ def _step(name: str, arguments: dict[str, Any] | None = None) -> dict[str, Any]:
 
 
 def describe_missing_windows(task: ComparedTask) -> str:
-    r"""Returns why a model of several frames cannot be compared; empty if it can."""
+    r"""Returns why a model for several frames cannot be compared, or an empty text if it can."""
     if task.num_frames is not None:
         return ""
     return "the samples are single frames: cut windows ('window') or whole trials ('trials')"
 
 
 def describe_minirocket_obstacle(task: ComparedTask) -> str:
-    r"""Returns why MiniRocket cannot be compared; empty if it can."""
+    r"""Returns why MiniRocket cannot be compared, or an empty text if it can."""
     if task.num_frames is None or task.num_frames < _MINIROCKET_KERNEL_FRAMES:
         return (
             describe_missing_windows(task)
-            or f"the windows have less than {_MINIROCKET_KERNEL_FRAMES} frames"
+            or f"the windows have fewer than {_MINIROCKET_KERNEL_FRAMES} frames"
         )
     return "" if find_spec("sktime") else "sktime is missing (the extra 'series')"
 
 
 def describe_frame_obstacle(task: ComparedTask) -> str:
-    r"""Returns why a model of single frames cannot be compared; empty if it can."""
-    return "" if task.num_frames is None else "it is for single frames, and the samples have more"
+    r"""Returns why a model for single frames cannot be compared, or an empty text if it can."""
+    has_single_frames = task.num_frames is None
+    return "" if has_single_frames else "it is for single frames, and a sample has several"
 
 
 def describe_missing_pose(task: ComparedTask) -> str:
-    r"""Returns why a model of taxel poses cannot be compared; empty if it can."""
+    r"""Returns why a model that uses taxel poses cannot be compared, or an empty text if it can."""
     return describe_frame_obstacle(task) or (
         "" if task.has_pose else "the taxels are not placed by joint angles"
     )
 
 
 def describe_missing_map(task: ComparedTask) -> str:
-    r"""Returns why a model of images cannot be compared; empty if it can."""
+    r"""Returns why a model for images cannot be compared, or an empty text if it can."""
     has_map = task.layout is not None and task.layout.image_map is not None
     return "" if has_map else "the layout has no image_map"
 
 
 def describe_small_map(task: ComparedTask) -> str:
-    r"""Returns why a model of larger images cannot be compared; empty if it can."""
+    r"""Returns why a model for larger images cannot be compared, or an empty text if it can."""
     image_map = None if task.layout is None else task.layout.image_map
     if image_map is None or int(image_map.amax(dim=0).min()) + 1 >= MIN_MAP_SIZE:
         return describe_missing_map(task)

@@ -1,4 +1,4 @@
-r"""The comparisons of ``tactile demo``: slip prediction, for several kinds of test parts."""
+r"""The comparisons of ``tactile demo``: slip prediction with several kinds of test parts."""
 
 import logging
 from collections.abc import Iterator, Sequence
@@ -26,9 +26,9 @@ class HeldOut(NamedTuple):
     r"""A kind of test part.
 
     Args:
-        name (str): Its name in the report.
-        by (str): As of :class:`ComparisonSettings`.
-        split (str, optional): The part of the data set that is split; all of it if :obj:`None`.
+        name (str): Name in the report.
+        by (str): As in :class:`ComparisonSettings`.
+        split (str, optional): The part of the data set that is split. Defaults to all samples.
     """
 
     name: str
@@ -57,7 +57,7 @@ class DemoPlan(NamedTuple):
     Args:
         readings (str): Name of the preparation of the readings, a key of :obj:`READINGS`.
         held_out (str): Name of the kind of test part.
-        plan (Plan): Its experiments.
+        plan (Plan): The experiments.
     """
 
     readings: str
@@ -66,18 +66,18 @@ class DemoPlan(NamedTuple):
 
 
 def demo_data(root: PathLike | None = None, generated: bool = False) -> DataSource:
-    r"""Returns the BioTac SP stability set, which is downloaded if it is not on disk. If the
-    download fails, returns generated grasps, whose caption says so.
+    r"""Returns the BioTac SP stability set, and downloads it if it is not on disk. If the download
+    fails, returns generated grasps with a caption that says so.
 
     Args:
-        root (str or PathLike, optional): Folder with its six CSV files, or the parent folder.
+        root (str or PathLike, optional): Folder with the six CSV files, or its parent folder.
         generated (bool): If :obj:`True`, generates grasps even if the recordings are available.
 
     Raises:
-        FileNotFoundError: If :obj:`root` is no folder.
+        FileNotFoundError: If :obj:`root` is not a folder.
         ValueError: If a file is damaged.
     """
-    reason = "generated data was asked for"
+    reason = "generated data was requested"
     if not generated:
         path = default_root("BioTacSP") if root is None else _find_root(Path(root).expanduser())
         caption = (
@@ -91,15 +91,15 @@ def demo_data(root: PathLike | None = None, generated: bool = False) -> DataSour
         except ConnectionError as error:
             reason = str(error)
     _logger.warning("no real data: %s", reason)
-    caption = "Data: GENERATED, not measured: no number below says anything about a real hand."
+    caption = "Data: GENERATED, not measured. No number below says anything about a real hand."
     arguments = {**_GENERATED_ARGUMENTS, "split": "train", "pre_transform": _KNN_GRAPH}
     class_path = f"{_DATASETS}FakeTactileDataset"
     return DataSource(class_path, arguments, kind="generated", caption=caption)
 
 
 def demo_plans(source: DataSource, folds: int, seeds: int, epochs: int) -> Iterator[DemoPlan]:
-    r"""Yields the comparisons of the demo. The official test has a single test part: its models are
-    trained once for each fold of the other kinds, each time with another seed.
+    r"""Yields the comparisons of the demo. The official test has a single test part, so its models
+    are trained as often as the other comparisons have folds, each time with a different seed.
     """
     for readings, steps in READINGS.items():
         transform = {

@@ -1,4 +1,4 @@
-r"""Experiments with estimators of scikit-learn."""
+r"""Experiments with scikit-learn estimators."""
 
 import inspect
 import time
@@ -27,13 +27,13 @@ def fit_estimator(
     test: SampleSet,
     val: SampleSet | None = None,
 ) -> Fitted:
-    r"""Fits an estimator on one part and predicts another.
+    r"""Fits an estimator on one part and predicts another part.
 
     Args:
         experiment (Experiment): The estimator and its settings.
         train (StaticDataset): The samples to fit on.
         test (StaticDataset): The samples to predict.
-        val (StaticDataset, optional): The samples on which a decision threshold is chosen.
+        val (StaticDataset, optional): The samples on which a decision threshold is selected.
     """
     transform = build_object(experiment.transform)
     train_samples = fitted_samples(transform, train)
@@ -83,11 +83,11 @@ def fit_estimator(
 
 
 def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout | None, seed: int) -> Any:
-    r"""Builds an estimator from plain data. An argument :obj:`layout` that is left out is the
-    layout of the data; a random state that is left out is the seed.
+    r"""Returns an estimator built from plain data. If they are left out, an argument
+    :obj:`layout` is the layout of the data, and a random state is the seed.
 
     Args:
-        model (Mapping): Its :obj:`class_path` and :obj:`init_args`.
+        model (Mapping): The :obj:`class_path` and :obj:`init_args` of the estimator.
         layout (TaxelLayout, optional): The layout of the data.
         seed (int): The seed.
 
@@ -130,8 +130,8 @@ def seeded_estimator(model: Mapping[str, Any], layout: TaxelLayout | None, seed:
 def fitted_samples(
     transform: BaseTransform | None, part: SampleSet, *, adapt: bool = False
 ) -> StaticData:
-    r"""Returns all samples of a part, after the transform of their data set, as for networks, and
-    after another transform, which is fitted on them.
+    r"""Returns all samples of a part after two transforms: the transform of their data set, as for
+    networks, and a transform that is fitted on the samples.
 
     Args:
         transform (BaseTransform, optional): The transform to fit.
@@ -146,8 +146,8 @@ def fitted_samples(
 
 
 def estimator_input(estimator: Any, samples: StaticData) -> StaticData | np.ndarray:
-    r"""Returns the input of an estimator: the samples if its first step has :obj:`takes_samples`,
-    readings :math:`(S, N, F)` if its tags allow arrays of three dimensions, otherwise rows
+    r"""Returns the input of an estimator: the samples if its first step has :obj:`takes_samples`;
+    readings :math:`(S, N, F)` if its tags allow three-dimensional arrays; otherwise rows
     :math:`(S, N \cdot F)`.
     """
     first = estimator.steps[0][1] if hasattr(estimator, "steps") else estimator
@@ -158,8 +158,8 @@ def estimator_input(estimator: Any, samples: StaticData) -> StaticData | np.ndar
 
 
 def class_scores(estimator: Any, x: Any, num_classes: int) -> np.ndarray:
-    r"""Returns the scores of the classes :math:`(S, C)`, or of class 1 of two :math:`(S,)`. A class
-    that is missing in the training part gets the lowest score.
+    r"""Returns the scores of the classes :math:`(S, C)`, or for two classes the scores of class 1
+    :math:`(S,)`. A class that is missing from the training part gets the lowest score.
     """
     method = "decision_function" if hasattr(estimator, "decision_function") else "predict_proba"
     scores: np.ndarray = getattr(estimator, method)(x)
@@ -171,14 +171,16 @@ def class_scores(estimator: Any, x: Any, num_classes: int) -> np.ndarray:
 
 
 def _positive_score(score: np.ndarray) -> np.ndarray:
-    # Returns one score a sample (S,), higher where class 1 of two is expected.
+    # Returns one score per sample (S,), which is higher if class 1 of two is expected.
     if score.ndim == 2 and score.shape[1] != 2:
-        raise ValueError(f"'threshold' must be None unless of two classes (got {score.shape[1]})")
+        raise ValueError(
+            f"'threshold' must be None unless there are two classes (got {score.shape[1]})"
+        )
     return score if score.ndim == 1 else np.asarray(score[:, 1])
 
 
 def count_parameters(estimator: Any) -> int | None:
-    r"""Returns the number of fitted numbers of an estimator: weights and biases of linear models,
+    r"""Returns how many numbers an estimator has fitted: weights and biases of linear models,
     support vectors with their weights, nodes of trees, and visual words. Returns :obj:`None` for
     other estimators.
     """

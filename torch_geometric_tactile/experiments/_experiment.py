@@ -1,4 +1,4 @@
-r"""An experiment: one model, trained and tested on one split of a data set."""
+r"""An experiment: one model that is trained and tested on one split of a data set."""
 
 import hashlib
 import json
@@ -31,11 +31,11 @@ _MINIROCKET = "torch_geometric_tactile.baselines.minirocket"
 class Choice:
     r"""Selection of the settings of a model within the training part.
 
-    Each setting is trained and scored on :obj:`repeats` cuts of the training part, which are drawn
-    by the protocol of the test. The first setting is the default. It is replaced by the best
-    setting whose gain exceeds the standard error of the difference (the larger of those over cuts
-    and over trials). The selected setting is then trained on the whole training part. A setting
-    that is not ahead of the default is not trained on further cuts.
+    Each setting is trained and scored on :obj:`repeats` cuts of the training part. The cuts are
+    drawn with the protocol of the test. The first setting is the default. It is replaced by the
+    best setting whose gain exceeds the standard error of the difference (the larger of the errors
+    over cuts and over trials). A setting that is no better than the default is not trained on
+    further cuts. The selected setting is then trained on the whole training part.
 
     Args:
         settings (sequence of Mapping): The settings. A setting is merged into the model; its
@@ -44,11 +44,11 @@ class Choice:
         members (int): Number of networks that are trained and averaged.
         repeats (int): Number of cuts.
         most_samples (int): Largest number of samples to train on in a cut.
-        num_validation_cuts (int): Number of cuts on which the selected setting is trained once
-            more, as for the test (all :obj:`members`, no limit of samples), and scored on the
-            validation parts. Models are compared by these scores if they share a given test part.
-        draft (Mapping): Merged into the model while settings are compared, such as a smaller number
-            of trees. The selected setting is trained without it.
+        num_validation_cuts (int): Number of cuts on which the selected setting is trained again, as
+            for the test (with all :obj:`members` and all samples), and scored on the validation
+            parts. Models are compared by these scores if they share a given test part.
+        draft (Mapping): Arguments that are merged into the model while settings are compared, such
+            as a smaller number of trees. The selected setting is trained without them.
     """
 
     settings: Sequence[Mapping[str, Any]] = ({},)
@@ -78,7 +78,7 @@ class Choice:
         return self.metric == "mae"
 
     def to_dict(self) -> dict[str, Any]:
-        r"""Returns the arguments as JSON values, as stored with a run."""
+        r"""Returns the arguments as JSON values, as they are stored with a run."""
         settings = [dict(setting) for setting in self.settings]
         content = {**asdict(self), "settings": settings, "draft": dict(self.draft)}
         for name in (
@@ -99,12 +99,12 @@ class Experiment:
         data (DataSource): The samples.
         protocol (Protocol): The splits.
         protocol_name (str): Name of the protocol in the table.
-        model (dict): The section :obj:`model` of a configuration, or an estimator as
-            :obj:`class_path` and :obj:`init_args`.
+        model (dict): The section :obj:`model` of a configuration, or the :obj:`class_path` and
+            :obj:`init_args` of an estimator.
         transform (dict, optional): Transform of all batches, as plain data.
         train_transform (dict, optional): Transform of training batches of a network.
         seed (int): Seed of the split and the training.
-        fold (int): Number of the fold that is tested.
+        fold (int): Index of the test fold.
         epochs (int): Epochs of a network.
         batch_size (int): Batch size of a network.
         trainer (dict): Further arguments of :class:`lightning.Trainer`.
@@ -112,8 +112,8 @@ class Experiment:
         threads (int): Number of threads of torch.
         measure_memory (bool): If :obj:`True`, trains in a separate process to measure its peak
             memory.
-        choice (Choice, optional): Selection of settings; none for a single setting.
-        threshold (str, optional): Metric by which a decision threshold is chosen on a validation
+        choice (Choice, optional): Selection of settings; :obj:`None` for a single setting.
+        threshold (str, optional): Metric by which a decision threshold is selected on a validation
             part.
         studies (list of dict): Studies of the trained model, as plain data.
     """
@@ -139,7 +139,7 @@ class Experiment:
 
     @property
     def is_estimator(self) -> bool:
-        r"""Whether the model is an estimator of scikit-learn."""
+        r"""Whether the model is a scikit-learn estimator."""
         return "class_path" in self.model
 
     def with_setting(self, setting: Mapping[str, Any]) -> Self:
@@ -158,7 +158,7 @@ class Experiment:
         config = {"model": self.model, "transform": self.transform, "trainer": self.trainer}
         if self.train_transform is not None:
             config["train_transform"] = self.train_transform
-        # Optional entries are left out when empty: runs stored before they existed are found.
+        # Empty optional entries are left out, so that runs stored before they existed still match.
         options: dict[str, Any] = {} if self.choice is None else {"choice": self.choice.to_dict()}
         if self.threshold is not None:
             options["threshold"] = self.threshold
@@ -183,7 +183,7 @@ class Experiment:
     @cached_property
     def sources(self) -> UserSources:
         r"""The source code of the user's models, estimators, transforms, data sets and studies. It
-        is read once, and does not follow later edits.
+        is read once; later edits have no effect.
         """
         return self.read_sources()
 
@@ -196,18 +196,18 @@ class Experiment:
 
     @cached_property
     def code(self) -> str:
-        r"""Hash of the identity, of 12 hexadecimal digits."""
+        r"""A hash of the identity with 12 hexadecimal digits."""
         return _sha256(self.identity())[:12]
 
     @property
     def label(self) -> str:
-        r"""Name, protocol, seed and fold, for messages and file names."""
+        r"""The name, protocol, seed and fold, for messages and file names."""
         fold = "" if self.protocol.folds is None and not self.fold else f", fold {self.fold}"
         return f"{self.name}, {self.protocol_name}, seed {self.seed}{fold}"
 
     @property
     def file_name(self) -> str:
-        r"""Name of the file of the run."""
+        r"""The name of the file of the run."""
         readable = re.sub(r"[^\w.-]+", "-", self.label.replace(", ", "_").replace("seed ", "seed"))
         return f"{readable}_{self.code}.json"
 
@@ -216,17 +216,18 @@ class Fitted(NamedTuple):
     r"""Predictions of a trained model for its test part, with the cost of training.
 
     Args:
-        score (ndarray): Class scores :math:`(S, C)` or :math:`(S,)`; the predictions in experiments
-            with a choice.
+        score (ndarray): Class scores :math:`(S, C)` or :math:`(S,)`. In experiments with a choice,
+            these are the predictions.
         prediction (ndarray): Predicted classes or numbers :math:`(S,)`, or labels :math:`(S, C)`.
         y (ndarray): The true values, of the same shape as :obj:`prediction`.
-        num_parameters (int, optional): Number of weights, or of fitted numbers of an estimator.
+        num_parameters (int, optional): Number of weights of a network, or of fitted numbers of an
+            estimator.
         seconds (float): Seconds of training.
         predict_seconds (float): Seconds of predicting the test part.
         task (str): The task.
         threshold (float, optional): The decision threshold.
-        loss (float): Cross entropy on the test part, which decides between settings of one score.
-        peak_memory_mb (float, optional): Peak memory of the training, in megabytes.
+        loss (float): Cross entropy on the test part. It decides between settings with equal scores.
+        peak_memory_mb (float, optional): Peak memory of the training in megabytes.
         measures (str, optional): Name of the measured memory.
         label_names (list of str, optional): Names of the labels of a multi-label task.
         trained (Trained, optional): The model with its samples, for studies.
@@ -251,7 +252,7 @@ class Fitted(NamedTuple):
 
 def versions(model: Mapping[str, Any]) -> dict[str, str]:
     r"""Returns the versions of this package and of the libraries that determine a result."""
-    libraries = ["scikit-learn"]  # of networks as well, since it draws the folds
+    libraries = ["scikit-learn"]  # also for networks, since it draws the folds
     path = model.get("class_path")
     if path is None:
         libraries.append("lightning")
@@ -268,12 +269,12 @@ def versions(model: Mapping[str, Any]) -> dict[str, str]:
 def _library_version(library: str) -> str:
     try:
         return version(library)
-    except PackageNotFoundError:  # of a missing extra: the run raises an error
+    except PackageNotFoundError:  # the package of a missing extra: the run raises an error
         return "none"
 
 
 def _import_paths(content: Any) -> Iterator[str]:
-    # Yields every text with a dot, which may be the import path of a class or function.
+    # Yields every text that contains a dot: it may be the import path of a class or function.
     if isinstance(content, Mapping):
         for value in content.values():
             yield from _import_paths(value)

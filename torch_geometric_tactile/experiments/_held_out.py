@@ -25,7 +25,7 @@ _MIN_UNITS = 3  # one each for training, model selection and test
 
 class Parts(NamedTuple):
     r"""The parts of an experiment with a choice: :obj:`fit` to train the candidate settings,
-    :obj:`val` to choose among them, both together as :obj:`train`, and :obj:`test`.
+    :obj:`val` to select one, :obj:`train` (both together), and :obj:`test`.
     """
 
     fit: SampleSet
@@ -37,14 +37,14 @@ class Parts(NamedTuple):
 def balanced_protocol(
     dataset: SampleSet, by: str, folds: int = _NUM_FOLDS, *, quiet: bool = False
 ) -> Protocol:
-    r"""Returns a protocol with folds by frame or by a unit, which are stratified by class if
-    possible, with fewer folds if necessary.
+    r"""Returns a protocol with folds by frame or by a unit. The folds are stratified by class if
+    possible, and reduced in number if necessary.
 
     Args:
         dataset (StaticDataset): The samples.
         by (str): The unit that a split keeps together.
-        folds (int): The number of folds, unless there are fewer units.
-        quiet (bool): If :obj:`True`, suppresses warnings of classes with few units.
+        folds (int): The number of folds. There are fewer folds if there are fewer units.
+        quiet (bool): If :obj:`True`, suppresses warnings about classes with few units.
 
     Raises:
         ValueError: If there are fewer than two units.
@@ -77,8 +77,8 @@ def _count_units(dataset: SampleSet, by: str) -> int:
 
 
 def compared_protocol(dataset: SampleSet, by: str | None, folds: int) -> Protocol:
-    r"""Returns the protocol of a comparison. If :obj:`by` is left out, samples are split by trial;
-    samples without trials by group if there are enough groups, otherwise by frame.
+    r"""Returns the protocol of a comparison. If :obj:`by` is left out, samples are split by trial.
+    Samples without trials are split by group if there are enough groups, otherwise by frame.
 
     Args:
         dataset (StaticDataset): The samples.
@@ -99,15 +99,15 @@ def compared_protocol(dataset: SampleSet, by: str | None, folds: int) -> Protoco
     num_units = _count_units(dataset, by)
     if num_units < _MIN_UNITS:
         smaller_units = {"trial": "frame", "frame": ""}.get(by, "trial or by frame")
-        hint = f"; compare by {smaller_units}, a weaker test of new data" if smaller_units else ""
+        hint = f"; compare by {smaller_units}, which is a weaker test" if smaller_units else ""
         raise ValueError(
-            f"'dataset' must have at least {_MIN_UNITS} {by}s, to train, to choose and to test on "
+            f"'dataset' must have at least {_MIN_UNITS} {by}s, to train, to select and to test on "
             f"(got {num_units}){hint}"
         )
     need_argument(
         num_units > _MIN_UNITS or folds >= _MIN_UNITS,
         "folds",
-        f"must be at least 3 for 3 {by}s, so that 2 are left to train and to choose on",
+        f"must be at least 3 for 3 {by}s, so that 2 are left to train and to select on",
         folds,
     )
     _check_frames_apart(dataset, by)
@@ -123,8 +123,8 @@ def _default_unit(dataset: SampleSet) -> str:
         obstacle = _describe_group_obstacle(dataset, num_groups)
         if not obstacle:
             _logger.warning(
-                "the samples have no 'trial', and are split by %s (%d of them): the scores are for "
-                "a new %s. If no two samples are of the same touch and new %ss do not matter, add "
+                "the samples have no 'trial' and are split by %s (%d of them): the scores hold for "
+                "a new %s. If each sample is a separate touch and new %ss do not matter, add "
                 "'--by frame' to split single samples",
                 *(kind, num_groups, kind, kind),
             )
@@ -132,7 +132,7 @@ def _default_unit(dataset: SampleSet) -> str:
     units = [by for by in ("group", "session") if dataset.column(by) is not None]
     hints = " or ".join(f"'--by {by}'" for by in units)
     _logger.warning(
-        "the samples have no 'trial', and are split one by one%s: if several samples are of one "
+        "the samples have no 'trial' and are split one by one%s: if several samples come from one "
         "touch, the scores are too high for a new touch%s",
         f", since {obstacle}" if obstacle else "",
         f" ({hints} holds out whole {'s or '.join(units)}s)" if units else "",
@@ -141,8 +141,8 @@ def _default_unit(dataset: SampleSet) -> str:
 
 
 def _warn_of_seen_units(dataset: SampleSet, by: str) -> None:
-    # Units that the user has named, such as persons in the pattern of file names, and that are in
-    # both parts of a split by another unit.
+    # Warns of units that the user has named, such as persons in the pattern of file names, and that
+    # are in both parts of a split by another unit.
     column = column_of(dataset, by)
     num_parted = len(dataset) if column is None else len(np.unique(column))
     for name in getattr(innermost(dataset), "named_units", ()):
@@ -150,8 +150,8 @@ def _warn_of_seen_units(dataset: SampleSet, by: str) -> None:
         num_units = 0 if column is None else len(np.unique(column))
         if name != by and 1 < num_units < num_parted:
             _logger.warning(
-                "samples are split by %s: the %d values of '%s' are in the training and the test "
-                "part, and the scores are not for a new %s; add '--by %s' for these",
+                "samples are split by %s: the %d values of '%s' are in both the training and the "
+                "test part, so the scores do not hold for a new %s; add '--by %s' for such scores",
                 *(by, num_units, name, name, name),
             )
 
@@ -162,17 +162,17 @@ def _count_groups(dataset: SampleSet) -> int:
 
 
 def _describe_group_obstacle(dataset: SampleSet, num_groups: int) -> str:
-    # Returns the reason why samples without trials are not split by group; empty if they can be.
+    # Returns why samples without trials cannot be split by group, or an empty text if they can.
     if num_groups < _MIN_UNITS:
-        return f"{_MIN_UNITS} groups or more are needed to split by group (got {num_groups})"
+        return f"at least {_MIN_UNITS} groups are needed to split by group (got {num_groups})"
     group, y = column_of(dataset, "group"), column_of(dataset, "y")
     if group is None or y is None or y.ndim != 1 or y.dtype.kind == "f":
         return ""
     classes = np.unique(y)
     num_single = sum(len(np.unique(group[y == label])) == 1 for label in classes)
-    if 2 * num_single > len(classes):  # such as groups of objects that are the classes
+    if 2 * num_single > len(classes):  # for example, if groups are objects and objects are classes
         counts = f"{num_single} of {len(classes)} classes"
-        return f"{counts} are in one group only, and cannot be learned"
+        return f"{counts} are in a single group and cannot be learned"
     return ""
 
 
@@ -206,13 +206,13 @@ def _check_constant_in_trials(frames: SampleSet, key: str) -> None:
     if changed.any():
         number = int(trial[int(changed.nonzero()[0])])
         raise ValueError(
-            f"'{key}' must be the same in all frames of a trial where samples have several frames "
-            f"(got two in trial {number})"
+            f"'{key}' must be the same in all frames of a trial if samples have several frames "
+            f"(got two values in trial {number})"
         )
 
 
 def mean_training_size(source: DataSource, protocol: Protocol) -> float:
-    r"""Returns the number of selected samples in a training part, as the mean over the folds. Given
+    r"""Returns the mean number of selected samples in a training part over the folds. Given
     validation parts belong to the training part.
 
     Args:
@@ -234,16 +234,16 @@ def choice_parts(experiment: Experiment) -> Parts:
 def choice_cuts(
     experiment: Experiment, repeats: int, max_samples: int | None = None
 ) -> tuple[SampleSet, SampleSet, list[tuple[SampleSet, SampleSet]]]:
-    r"""Returns the training part, the test part, and cuts of the training part into a part to train
-    on and a validation part. A validation part is a fifth of the training part, other samples in
-    each cut, by the same unit as the test part. A given validation part is used as it is, in a
-    single cut.
+    r"""Returns the training part, the test part, and cuts of the training part. Each cut has a part
+    to train on and a validation part. The validation part is a different fifth of the training part
+    in each cut, and is split by the same unit as the test part. A given validation part is used
+    unchanged, in a single cut.
 
     Args:
         experiment (Experiment): The experiment.
         repeats (int): The largest number of cuts.
-        max_samples (int, optional): Largest number of samples to train on. More are thinned at
-            random.
+        max_samples (int, optional): Largest number of samples to train on. If there are more, a
+            random subset is used.
     """
     protocol = experiment.protocol
     if protocol.by == "given":
@@ -256,7 +256,7 @@ def choice_cuts(
     by = _new_unit(train_part, test) if protocol.by == "given" else protocol.by
     inner = balanced_protocol(train_part, by, quiet=True)
     with warnings.catch_warnings():
-        # Splitting off the test part warned of classes with few units already.
+        # Splitting off the test part already warned of classes with few units.
         warnings.simplefilter("ignore")
         folds = range(min(repeats, inner.folds or 1))
         cuts = [inner.split(train_part, experiment.seed, fold=fold) for fold in folds]
@@ -269,8 +269,8 @@ def choice_cuts(
 
 
 def _new_unit(train: SampleSet, test: SampleSet) -> str:
-    # Returns the largest unit that is new in the test part. Of groups, more than half must be new
-    # (see ScoreUnits).
+    # Returns the largest unit that is new in the test part. Groups count if more than half of them
+    # are new (see ScoreUnits).
     for by in ("group", "trial"):
         train_units, test_units = (column_of(part, by) for part in (train, test))
         if train_units is None or test_units is None or len(np.unique(train_units)) < 2:
@@ -290,6 +290,6 @@ def _draw_samples(part: SampleSet, max_samples: int | None, seed: int) -> Sample
 
 
 def column_of(dataset: SampleSet, key: str) -> np.ndarray | None:
-    r"""Returns an attribute or unit of the samples as an array; :obj:`None` if they have none."""
+    r"""Returns an attribute or unit of the samples as an array, or :obj:`None` if it is missing."""
     column = unit_column(dataset, key)
     return None if column is None else np.asarray(column.numpy(force=True))

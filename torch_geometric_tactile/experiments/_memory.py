@@ -1,4 +1,4 @@
-r"""Measures the peak memory of a piece of work."""
+r"""Measures the peak memory of a block of code."""
 
 import ctypes
 import gc
@@ -13,16 +13,16 @@ _BYTES_PER_MB = 2**20
 
 
 class PeakMemory:
-    r"""Measures the memory growth of this process, from :meth:`start` to the highest point before
-    :meth:`stop`, in megabytes (of :math:`2^{20}` bytes).
+    r"""Measures the memory growth of this process from :meth:`start` to the highest point before
+    :meth:`stop`, in megabytes of :math:`2^{20}` bytes.
 
-    On the CPU, this is resident memory. :meth:`start` returns free heap memory to the system, so
-    that its reuse counts. Linux can reset the recorded peak. Other systems report the peak of the
-    whole process, so work that stays below an earlier peak measures zero: measure it in a new
-    process. On a GPU, this is the memory allocated by torch.
+    On the CPU, resident memory is measured. :meth:`start` returns free heap memory to the system,
+    so that reusing it counts. Linux can reset the recorded peak. Other systems report the peak of
+    the whole process, so code that stays below an earlier peak measures zero; run it in a new
+    process. On a GPU, the memory allocated by torch is measured.
 
     Args:
-        device (str or torch.device): The device of the work.
+        device (str or torch.device): The device on which the code runs.
 
     Examples:
         >>> memory = PeakMemory()
@@ -38,14 +38,14 @@ class PeakMemory:
 
     @property
     def measure(self) -> str:
-        r"""Name of the measured memory, for captions."""
+        r"""The name of the measured memory, for captions."""
         if self.device.type == "cuda":
             return "memory allocated by torch on the GPU"
         return "resident memory of the process"
 
     @staticmethod
     def reset_peak() -> bool:
-        r"""Resets the peak that Linux records. Returns :obj:`False` where that is impossible."""
+        r"""Resets the peak that Linux records. Returns :obj:`False` if that is impossible."""
         try:
             _CLEAR_REFS_FILE.write_text("5", encoding="ascii")  # resets VmHWM
         except OSError:
@@ -75,7 +75,7 @@ class PeakMemory:
 
 def _release_free_heap() -> None:
     if sys.platform == "linux":
-        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # of glibc only
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # only in glibc
         if trim is not None:
             trim(0)
 
@@ -95,5 +95,5 @@ def _status_megabytes(name: str) -> float:
     for line in _STATUS_FILE.read_text("utf-8", "replace").splitlines():
         key, _, value = line.partition(":")
         if key == name:
-            return int(value.split()[0]) / 1024  # of kB
+            return int(value.split()[0]) / 1024  # the value is in kB
     return float("nan")

@@ -34,9 +34,9 @@ from torch_geometric_tactile.training.one_cycle import OneCycle
 from torch_geometric_tactile.transforms import KNNGraph
 
 _NO_EDGES = torch.zeros(2, 0, dtype=torch.long)
-_BAREBONES_SETTINGS = {"accelerator", "limit_val_batches"}  # allowed with Lightning's barebones
+_BAREBONES_SETTINGS = {"accelerator", "limit_val_batches"}  # allowed in Lightning's barebones mode
 _NUM_NEIGHBOURS = 6
-_MEMBER_SEED_STEP = 1000  # larger than the seeds of experiments, so that no two members share one
+_MEMBER_SEED_STEP = 1000  # larger than any experiment's seed, so that members never share a seed
 
 
 def fit_network(
@@ -46,14 +46,14 @@ def fit_network(
     val: SampleSet | None = None,
     studies: Sequence[Study] = (),
 ) -> Fitted:
-    r"""Trains a network, or as many as :obj:`experiment.choice` has members, and predicts the test
-    part with their average.
+    r"""Trains a network, or all members of an ensemble (:obj:`experiment.choice`), and predicts the
+    test part with their average.
 
     Args:
         experiment (Experiment): The network and its settings.
         train (StaticDataset): The samples to train on.
         test (StaticDataset): The samples to predict.
-        val (StaticDataset, optional): The samples on which a decision threshold is chosen.
+        val (StaticDataset, optional): The samples on which a decision threshold is selected.
         studies (sequence of Study): Studies with callbacks for the training.
     """
     choice = experiment.choice
@@ -67,7 +67,7 @@ def fit_network(
         train, test = (prepare_part(part, scale) for part in (train, test))
     data = TactileDataModule(
         train,
-        test,  # a transform that scales each session adapts to its sessions
+        test,  # a transform that scales each session adapts to the sessions of this part
         split="frame",
         val_dataset=test[:0] if val is None else val,
         transform=build_object(experiment.transform),
@@ -132,7 +132,7 @@ def member_seed(seed: int, member: int) -> int:
 def _average_outputs(
     outputs: Sequence[Outputs], classifier: TactileModule, scale: "TargetScale | None"
 ) -> tuple[np.ndarray, np.ndarray]:
-    # Returns the mean scores of the members, and the predictions by these.
+    # Returns the mean scores of the members, and the predictions that follow from them.
     if scale is not None:
         logits = torch.stack([member.logits for member in outputs]).mean(dim=0)
         numbers = scale.unscale(logits.view(outputs[0].y.shape)).numpy()
@@ -151,7 +151,7 @@ def _cross_entropy(outputs: Outputs) -> float:
 def _trained_model(classifier: TactileModule, data: TactileDataModule, seed: int) -> Trained:
     model = classifier.model.eval().cpu()
     train, test = (data.peek(part, len(part)) for part in (data.part("train"), data.part("test")))
-    assert data.layout is not None  # studies need data of one layout
+    assert data.layout is not None  # studies need data with one layout
     return Trained(model, train, test, data.class_names, data.layout, seed)
 
 
@@ -174,7 +174,7 @@ def fit_classifier(
         *callbacks (Callback): Callbacks of the training.
     """
     L.seed_everything(seed, verbose=False)
-    # A copy, since jsonargparse changes the configuration.
+    # A copy is used because jsonargparse changes the configuration.
     classifier = classifier_from_config(copy.deepcopy(model), data)
     with silent_training():
         trainer = _make_trainer(settings, max_epochs=epochs, callbacks=list(callbacks))
@@ -198,8 +198,8 @@ def _make_trainer(settings: dict[str, Any], **arguments: Any) -> L.Trainer:
 
 @cache
 def warm_up(accelerator: str) -> None:
-    r"""Trains a tiny model, once in a process. Modules that the first training imports then do not
-    count as memory or time of a compared model.
+    r"""Trains a tiny model, once per process. The imports of the first training then do not count
+    towards the memory or time of a compared model.
     """
     batch = StaticData(x=torch.zeros(2, 1, 2), y=torch.tensor([0, 1]), edge_index=_NO_EDGES)
     classifier = TactileModule(_TinyModel())
@@ -220,7 +220,7 @@ class _TinyModel(torch.nn.Module):
 
 
 class Clock(L.Callback):
-    r"""Measures the seconds of a training, as :obj:`seconds`."""
+    r"""Measures the duration of a training in seconds, as :obj:`seconds`."""
 
     seconds = math.nan
 
@@ -229,7 +229,7 @@ class Clock(L.Callback):
         self._start = time.perf_counter()
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        r"""Stops the clock, on a GPU after all its work is done."""
+        r"""Stops the clock. On a GPU, waits until all operations are finished."""
         if trainer.strategy.root_device.type == "cuda":
             torch.cuda.synchronize()
         self.seconds = time.perf_counter() - self._start
@@ -240,8 +240,8 @@ class TargetScale(BaseTransform):
     training part.
 
     Args:
-        center (torch.Tensor): Mean of each target :math:`(C,)`, or of the only one.
-        scale (torch.Tensor): Standard deviation of each target, of the same shape.
+        center (torch.Tensor): Mean of each target :math:`(C,)`, or of a single target.
+        scale (torch.Tensor): Standard deviation of each target, with the same shape.
     """
 
     supports_static = True
@@ -252,7 +252,7 @@ class TargetScale(BaseTransform):
 
     @classmethod
     def from_samples(cls, train: SampleSet) -> "TargetScale":
-        r"""Computes mean and standard deviation of a training part."""
+        r"""Computes the mean and the standard deviation of a training part."""
         labels = train.column("y")
         assert labels is not None
         y = labels.double()
@@ -261,7 +261,7 @@ class TargetScale(BaseTransform):
 
     def forward(self, data: Data) -> Data:
         r"""Replaces :obj:`y` by scaled targets."""
-        y = torch.as_tensor(data.y)  # samples of PyG may have a plain number
+        y = torch.as_tensor(data.y)  # PyG samples may have a plain number
         data.y = ((y.double() - self.center) / self.scale).float()
         return data
 
@@ -283,7 +283,7 @@ class _AddEdges(BaseTransform):
 
 def layout_edges(layout: TaxelLayout) -> Tensor:
     r"""Returns the edges for samples without edges: the adjacency :obj:`"original"` of the layout,
-    its first one, or without any the six nearest neighbours of each taxel.
+    else its first adjacency, else the six nearest neighbours of each taxel.
     """
     if layout.adjacency:
         names = list(layout.adjacency)
@@ -296,7 +296,7 @@ def layout_edges(layout: TaxelLayout) -> Tensor:
 
 
 def prepare_part(part: SampleSet, scale: TargetScale | None) -> SampleSet:
-    r"""Returns a copy of a part that adds edges to samples without edges, and scales targets."""
+    r"""Returns a copy of a part in which samples have edges and targets are scaled."""
     steps: list[BaseTransform] = [] if part.transform is None else [part.transform]
     if isinstance(part, GraphSamples):
         if part.first().edge_index is None:

@@ -28,8 +28,8 @@ from torch_geometric_tactile.training.metrics import classification_metrics
 
 
 class _Candidate:
-    # A setting with its predictions for each validation part, its scores (higher is better) and its
-    # losses, which decide between equal scores.
+    # A setting with its predictions for each validation part, its scores (higher is better), and
+    # its losses, which decide between equal scores.
     def __init__(self, experiment: Experiment) -> None:
         self.experiment = experiment
         self.predictions: list[Predictions] = []
@@ -46,7 +46,7 @@ class _Candidate:
         return float(np.mean(self.losses)) if self.losses else math.inf
 
     def evaluate(self, choice: Choice, part: SampleSet, val: SampleSet) -> None:
-        # Settings with a failed training are never selected, such as a learning rate that diverges.
+        # A setting whose training fails is never selected, such as a learning rate that diverges.
         try:
             fitted = fit(self.experiment, part, val)
         except ValueError:
@@ -62,12 +62,12 @@ def run_experiment(experiment: Experiment) -> dict[str, Any]:
     r"""Trains a model, tests it once and returns the result as JSON values. The test part never
     influences the selection of settings.
 
-    With :obj:`experiment.choice`, its settings are compared on validation parts, and the selected
+    With :obj:`experiment.choice`, the settings are compared on validation parts, and the selected
     setting is trained on the whole training part.
 
-    Peak memory is the growth from before the model is built, with the recordings loaded and the
-    scaling fitted, to the highest point of training: parameters, gradients, the optimizer's state,
-    activations and one batch.
+    Peak memory is the growth from the point before the model is built (with the recordings loaded
+    and the scaling fitted) to the highest point of training. It includes parameters, gradients, the
+    optimizer's state, activations and one batch.
 
     Raises:
         ValueError: If the experiment needs a missing GPU, or its training fails.
@@ -134,13 +134,13 @@ def fit(
     val: SampleSet | None = None,
     studies: Sequence[Study] = (),
 ) -> Fitted:
-    r"""Trains a model on one part and predicts another.
+    r"""Trains a model on one part and predicts another part.
 
     Args:
         experiment (Experiment): The model and its settings.
         train (StaticDataset): The samples to train on.
         test (StaticDataset): The samples to predict.
-        val (StaticDataset, optional): The samples on which a decision threshold is chosen.
+        val (StaticDataset, optional): The samples on which a decision threshold is selected.
         studies (sequence of Study): Studies of a network with callbacks for the training.
     """
     if experiment.is_estimator:
@@ -153,11 +153,13 @@ def _select_setting(
     choice: Choice,
     cuts: Sequence[tuple[SampleSet, SampleSet]],
 ) -> tuple[Experiment, dict[str, Any]]:
-    # Returns the experiment with the selected setting, and the entries of the result about it.
+    # Returns the experiment with the selected setting, and the entries of the result that describe
+    # the selection.
     start = time.perf_counter()
     draft = replace(experiment, choice=replace(choice, members=1)).with_setting(choice.draft)
     candidates = [_Candidate(draft.with_setting(setting)) for setting in choice.settings]
-    # Candidates behind the default are dropped after each cut, which saves most of the trainings.
+    # Candidates that are behind the default are dropped after each cut, which saves most of the
+    # training time.
     remaining = candidates if len(candidates) > 1 else []
     for part, val in cuts:
         for candidate in remaining:
@@ -188,8 +190,8 @@ def _select_setting(
 
 
 def _validate(experiment: Experiment, choice: Choice, choose_seconds: float) -> dict[str, Any]:
-    # Scores the selected setting on validation parts, trained as for the test. Returns the entries
-    # of the result.
+    # Trains the selected setting as for the test, scores it on validation parts, and returns the
+    # entries of the result.
     start = time.perf_counter()
     cuts = choice_cuts(experiment, choice.num_validation_cuts)[2]
     try:
@@ -217,7 +219,7 @@ def _is_better(candidate: _Candidate, default: _Candidate, metric: str, overlap:
         return candidate.score > default.score
     difference = paired_difference(candidate.predictions, default.predictions, metric, overlap)
     gain = candidate.score - default.score
-    return gain > 0 and not gain <= difference.error  # true if the error is NaN, as of one cut
+    return gain > 0 and not gain <= difference.error  # true if the error is NaN, as with one cut
 
 
 def _build_studies(experiment: Experiment) -> list[Study]:
@@ -271,5 +273,5 @@ def _describe_machine(accelerator: str, threads: int) -> str:
         lines = cpuinfo.read_text("utf-8", "replace").splitlines()
         models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
         name = models[0] if models else name
-    text = f"{name}, {os.cpu_count()} cores, {threads} thread{'s' if threads > 1 else ''} a run"
+    text = f"{name}, {os.cpu_count()} cores, {threads} thread{'s' if threads > 1 else ''} per run"
     return f"{torch.cuda.get_device_name()}; {text}" if accelerator == "gpu" else text

@@ -1,4 +1,4 @@
-r"""Files of finished runs."""
+r"""Stores finished runs in files."""
 
 import hashlib
 import json
@@ -16,7 +16,7 @@ _KEYS_WITHOUT_CHECKSUM = {"experiment", "finished", "identity", "result"}
 
 
 class RunStore:
-    r"""The finished runs of a folder, one JSON file each. Files are written atomically.
+    r"""The finished runs in a folder, with one JSON file per run. Files are written atomically.
 
     Args:
         folder (str or PathLike): The folder, which may not exist yet.
@@ -24,7 +24,7 @@ class RunStore:
 
     def __init__(self, folder: PathLike) -> None:
         self.folder = Path(folder)
-        # The code at the end of a file name identifies the experiment, whatever its name is.
+        # The code at the end of a file name identifies the experiment, regardless of its name.
         self._paths = {path.stem.rpartition("_")[2]: path for path in self.folder.glob("*.json")}
 
     def path(self, experiment: Experiment) -> Path:
@@ -35,7 +35,7 @@ class RunStore:
         r"""Returns the result of a run, or :obj:`None` if it is not finished.
 
         Raises:
-            ValueError: If the file is damaged, or of another experiment.
+            ValueError: If the file is damaged or belongs to another experiment.
         """
         path = self.path(experiment)
         if not path.is_file():
@@ -49,7 +49,7 @@ class RunStore:
             is_same = content["identity"] == experiment.identity()
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise ValueError(f"'{path}' is damaged: delete it to run it again ({error})") from error
-        need(is_same, f"'{path}' is the file of another experiment: delete it to run this one")
+        need(is_same, f"'{path}' belongs to another experiment: delete it to run this one")
         return result
 
     def write(self, experiment: Experiment, result: dict[str, Any]) -> None:
@@ -65,11 +65,11 @@ class RunStore:
             temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
     def clean(self, experiments: Sequence[Experiment]) -> None:
-        r"""Removes temporary files of killed processes. Those of running processes stay."""
+        r"""Removes temporary files of killed processes, but not of running ones."""
         for experiment in experiments:
             remove_leftovers(self.folder / experiment.file_name)
 
 
 def _sha256(result: Any) -> str:
-    # The checksum of the content, which does not depend on indentation or the order of keys.
+    # The checksum of the content. It does not depend on indentation or the order of keys.
     return hashlib.sha256(json.dumps(result, sort_keys=True).encode()).hexdigest()

@@ -9,10 +9,9 @@ from torch_geometric_tactile.experiments.predictions import Predictions
 
 @dataclass(frozen=True)
 class Draws:
-    r"""Random draws of the test samples, without replacement, as in the "Morphology-Specific
-    Convolutional Neural Networks for Tactile Object Recognition with a Multi-Fingered Hand" paper:
-    ten draws, each of 1,500 of the 2,500 samples. The model is trained once and tested on each
-    draw.
+    r"""Random draws of the test samples without replacement. The "Morphology-Specific Convolutional
+    Neural Networks for Tactile Object Recognition with a Multi-Fingered Hand" paper uses ten draws
+    of 1,500 of the 2,500 samples. The model is trained once and tested on each draw.
 
     Args:
         count (int): Number of draws.
@@ -33,7 +32,8 @@ class Draws:
             value = getattr(self, name)
             if type(value) is not int or value < minimum:  # True is an int, too
                 raise ValueError(
-                    f"'{name}' of draws must be a whole number from {minimum} on (got {value!r})"
+                    f"'{name}' of draws must be a whole number of at least {minimum} "
+                    f"(got {value!r})"
                 )
         if not isinstance(self.part, float) or not 0 < self.part < 1:
             raise ValueError(f"'part' of draws must be between 0 and 1 (got {self.part!r})")
@@ -43,8 +43,8 @@ class Draws:
         return max(1, round(self.part * num_samples))
 
     def accuracies(self, predicted: Predictions) -> np.ndarray:
-        r"""Returns the accuracy of each draw, from 0 to 1. A sample with several labels counts as
-        correct if all of them are.
+        r"""Returns the accuracy of each draw, from 0 to 1. A sample with several labels is correct
+        if all its labels are correct.
         """
         is_correct = predicted.prediction == predicted.y
         is_correct = is_correct if is_correct.ndim == 1 else is_correct.all(axis=1)
@@ -63,14 +63,14 @@ class Draws:
         }
 
     def variance(self, accuracy: float, num_samples: int) -> float:
-        r"""Returns the expected variance of the accuracies. For draws of :math:`n` of :math:`N`
-        samples, of which a share :math:`p` is classified correctly, it is the variance of the
-        hypergeometric distribution,
+        r"""Returns the expected variance of the accuracies. If :math:`n` of :math:`N` samples are
+        drawn and a share :math:`p` of all samples is classified correctly, this is the variance of
+        the hypergeometric distribution,
 
         .. math::
             \frac{p (1 - p)}{n} \cdot \frac{N - n}{N - 1}
 
-        and largest for :math:`p = 1/2`.
+        It is largest for :math:`p = 1/2`.
 
         Args:
             accuracy (float): The accuracy :math:`p` on all test samples.

@@ -1,4 +1,4 @@
-r"""Units of a comparison: the trials, persons or objects that are new in the test parts."""
+r"""The units of a comparison: the trials, persons or objects that are new in the test parts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -44,12 +44,12 @@ def comparison_splits(plan: Plan) -> list[TrainTestIndices]:
 
 @dataclass(frozen=True, eq=False)
 class ScoreUnits:
-    r"""The units that count as one observation each: the groups, sessions or trials, whichever
-    are fewest, that no split has in both its parts.
+    r"""The units of which each counts as one observation: groups, sessions or trials, whichever are
+    fewest, that are never in both parts of a split.
 
-    Where all splits have the same test part, as given parts do, groups or sessions are units if
-    most of those in the test part are new: samples of one person are not independent observations,
-    even if other persons are in both parts.
+    If all splits have the same test part, as with given parts, groups or sessions are units if most
+    groups or sessions in the test part are new. Samples from one person are not independent
+    observations, even if other persons are in both parts.
 
     Args:
         name (str): Name of a unit, such as :obj:`"trial"` or :obj:`"person"`; :obj:`"sample"` if
@@ -58,7 +58,7 @@ class ScoreUnits:
             sample is a unit.
         num_leaked (int): Number of trials that are in both parts of a split. If there are any, the
             scores say nothing about new trials.
-        num_seen (int): Number of units of the test part that are in the training part as well.
+        num_seen (int): Number of units of the test part that are also in the training part.
     """
 
     name: str
@@ -75,8 +75,8 @@ class ScoreUnits:
         Args:
             dataset (StaticDataset): The data set.
             splits (sequence of TrainTestIndices): Its splits.
-            by (str): The unit that the splits keep together, which comes before others of the same
-                number.
+            by (str): The unit that the splits keep together. It is preferred over other units of
+                the same number.
         """
         keys = tuple(dict.fromkeys((*([by] if by not in ("frame", "given") else []), *_KEYS)))
         columns = {key: column_of(dataset, key) for key in keys}
@@ -106,8 +106,8 @@ class ScoreUnits:
         return cls("trial", trials, num_leaked=len(leaked_units["trial"]))
 
     def count_units(self, predictions: Sequence[Predictions]) -> int:
-        r"""Returns the number of different units in predictions that :meth:`replace_trials`
-        returned.
+        r"""Returns the number of different units in predictions returned by
+        :meth:`replace_trials`.
 
         Args:
             predictions (sequence of Predictions): Predictions for several splits.
@@ -127,8 +127,8 @@ class ScoreUnits:
 
 
 class ConstantAnswer(NamedTuple):
-    r"""The constant answer and its mean score over the splits: the most frequent class of the
-    training part, or the mean of its numbers.
+    r"""The constant answer and its mean score over the splits. The constant answer is the most
+    frequent class of the training part, or the mean of its numbers.
     """
 
     name: str
@@ -143,7 +143,7 @@ class ConstantAnswer(NamedTuple):
         Args:
             dataset (StaticDataset): The data set.
             splits (sequence of TrainTestIndices): Its splits.
-            metric (str): As of :class:`ComparisonSettings`.
+            metric (str): As in :class:`ComparisonSettings`.
         """
         y = column_of(dataset, "y")
         assert y is not None
@@ -164,7 +164,7 @@ class ConstantAnswer(NamedTuple):
 
 
 def _by_stored_index(dataset: SampleSet, column: np.ndarray) -> np.ndarray:
-    # The index in predictions counts all stored samples, including those that are not selected.
+    # The index in predictions counts all stored samples, including samples that are not selected.
     stored = np.zeros(dataset.len(), dtype=np.int64)
     stored[np.asarray(dataset.indices())] = column
     return stored

@@ -16,14 +16,14 @@ NAMES = {
     "r2": "R2",
 }
 PERCENT = ("accuracy", "balanced_accuracy", "f1")
-MIN_PAIRS = 3  # splits or units, below which a standard error says too little for a verdict
+MIN_PAIRS = 3  # with fewer splits or units, a standard error is too uncertain for a verdict
 RULE = (
     "A difference is beyond the noise if it is larger than both standard errors times Student's t "
-    "(two-sided, 5 %); the error over the splits is corrected for training sets that overlap "
-    "(Nadeau and Bengio, 2003). Seeds of one test part are one split: their mean is judged, by the "
-    f"error over the units and the seeds together. There is no verdict on fewer than {MIN_PAIRS} "
-    f"splits (unless all test on one given part), nor on fewer than {MIN_PAIRS} units: the "
-    "trials, persons or objects that are new in the test parts."
+    "(two-sided, 5 %). The error over the splits is corrected for overlapping training sets "
+    "(Nadeau and Bengio, 2003). Seeds with the same test part count as one split: their mean is "
+    "compared with the error over the units and the seeds together. There is no verdict with fewer "
+    f"than {MIN_PAIRS} splits (unless all share one given test part) or with fewer than "
+    f"{MIN_PAIRS} units. Units are the trials, persons or objects that are new in the test parts."
 )
 
 
@@ -31,8 +31,8 @@ def prediction_scores(
     y: np.ndarray, prediction: np.ndarray, is_regression: bool
 ) -> dict[str, float]:
     r"""Returns the scores of predictions. For classes, these are :obj:`accuracy`,
-    :obj:`balanced_accuracy` (the mean recall of the classes in :obj:`y`) and :obj:`f1` (macro); for
-    numbers :obj:`mae`, :obj:`rmse` and :obj:`r2`.
+    :obj:`balanced_accuracy` (the mean recall of the classes in :obj:`y`) and :obj:`f1` (macro). For
+    numbers, these are :obj:`mae`, :obj:`rmse` and :obj:`r2`.
 
     Examples:
         >>> prediction_scores(np.array([0, 0, 0, 1]), np.array([0, 0, 0, 0]), is_regression=False)
@@ -60,8 +60,8 @@ def sample_scores(y: np.ndarray, prediction: np.ndarray, metric: str) -> np.ndar
         array([0.66666667, 0.66666667, 0.        , 2.        ])
 
     Shapes:
-        - **y:** Classes :math:`(S,)`, labels :math:`(S, C)`, all of which must be correct, or
-          numbers :math:`(S,)` or :math:`(S, C)`.
+        - **y:** Classes :math:`(S,)`, labels :math:`(S, C)` (a sample is correct if all its labels
+          are), or numbers :math:`(S,)` or :math:`(S, C)`.
     """
     if metric == "mae":
         error = np.abs(prediction.reshape(y.shape).astype(np.float64) - y)
@@ -74,7 +74,7 @@ def sample_scores(y: np.ndarray, prediction: np.ndarray, metric: str) -> np.ndar
 
 
 def format_score(metric: str, value: float) -> str:
-    r"""Formats a score: accuracies and F1 scores in percent, errors with three digits.
+    r"""Returns a score as text: accuracies and F1 scores in percent, errors with three digits.
 
     Examples:
         >>> format_score("accuracy", 0.918), format_score("mae", 0.00435)

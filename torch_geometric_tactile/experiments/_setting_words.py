@@ -7,14 +7,14 @@ from typing import Any
 from torch_geometric_tactile.training._config_files import merged
 
 DEFAULT = "the default"
-# Arguments whose names alone would not be understood.
+# Descriptions of arguments whose names are not clear by themselves.
 _ARGUMENT_TEMPLATES: dict[str, str] = {
     "C": "C = {}",
     "alpha": "alpha = {}",
     "width": "kernel width {}",
     "num_trees": "{} trees",
     "min_samples_leaf": "leaves of {} samples or more",
-    "descriptor_channels": "descriptors beside the features ({} channels)",
+    "descriptor_channels": "descriptors in addition to the features ({} channels)",
     "max_taxels": "convolutions down to {} taxels",
     "head_taxels": "pooled to {} taxels or fewer before the head",
     "mixed_channels": "taxels mixed to {} channels",
@@ -22,39 +22,39 @@ _ARGUMENT_TEMPLATES: dict[str, str] = {
     "pool": "the {} over the frames",
 }
 _VALUE_WORDS: dict[tuple[str, object], str] = {
-    ("balanced", False): "descriptors and readings drawn by their number",
+    ("balanced", False): "descriptors and readings drawn in proportion to their number",
     ("balanced", True): "descriptors drawn as often as readings",
     ("with_readings", True): "with the readings",
     ("with_readings", False): "without the readings",
     ("conv", "self"): "a convolution without directions",
     ("fusion", "feature"): "a convolution for each channel",
-    ("pool", "last"): "the last frame alone",
+    ("pool", "last"): "only the last frame",
     ("pool", "mean_max"): "the mean and the maximum over the frames",
-    ("with_mean", True): "less the mean of the training part",
-    ("with_mean", False): "zero kept as rest",
+    ("with_mean", True): "mean of the training part subtracted",
+    ("with_mean", False): "zero remains the reading at rest",
 }
 _CLASS_WORDS = {
     "ZScore": "scaling",
     "SquareRoot": "square roots of the readings",
-    "NormalizeRMS": "readings in units of their size (RMS)",
+    "NormalizeRMS": "readings divided by their RMS",
     "RandomShift": "random shifts",
     "RandomMirror": "random mirror images",
     "RandomTimeShift": "random shifts in time",
 }
 _ABBREVIATIONS = ("RMS", "PCA", "SVM", "CNN", "GCN")
-# Defaults of arguments that one of two compared configurations may leave out.
+# Defaults of arguments that may be missing from one of two compared configurations.
 _IMPLICIT_DEFAULTS = {"with_mean": True}
 _TRANSFORMS = ("transform", "train_transform")
 _CONTAINERS = ("model", "optimizer", "data", "trainer", "init_args")
 
 
 def describe_setting(setting: Mapping[str, Any], transform: Mapping[str, Any] | None = None) -> str:
-    r"""Returns a setting of a :class:`Choice` in words, with a comma between its parts.
+    r"""Returns a setting of a :class:`Choice` in words, with commas between its parts.
 
     Args:
         setting (Mapping): The setting, as it is merged into a model.
-        transform (Mapping, optional): The transform of the experiment. Of a setting with another
-            transform, only the differences to this one are described.
+        transform (Mapping, optional): The transform of the experiment. If the setting has another
+            transform, only the differences between the two are described.
 
     Examples:
         >>> describe_setting({})
@@ -125,7 +125,8 @@ def _step_words(step: Mapping[str, Any]) -> str:
 def _changed_steps(
     transform: Mapping[str, Any] | None, default: Mapping[str, Any] | None
 ) -> Iterator[str]:
-    # Describes steps that the default transform lacks, changed arguments and removed steps.
+    # Describes steps that are missing from the default transform, changed arguments and removed
+    # steps.
     steps, default_steps = _steps_by_class(transform), _steps_by_class(default)
     for path, step in steps.items():
         if path not in default_steps:

@@ -1,8 +1,8 @@
-r"""Runs experiments in a separate process, whose peak memory is measured.
+r"""Runs experiments in a separate process to measure their peak memory.
 
 :func:`run_worker` reads pickled experiments, one line of base64 each, and writes one line of JSON
-for each. It ends at the end of its input, so that it never outlives its parent process, and after
-20 idle seconds.
+for each. It ends at the end of its input, so that it never outlives its parent process, or after it
+has been idle for 20 seconds.
 """
 
 import base64
@@ -43,8 +43,8 @@ _thread_state = threading.local()  # workers of a cluster may run jobs in severa
 
 
 def run_safely(experiment: Experiment) -> dict[str, Any]:
-    r"""Runs an experiment and returns its result, or :obj:`{"error": ...}` if it failed. It runs in
-    a separate process if its memory is measured, otherwise in this one.
+    r"""Runs an experiment and returns its result, or :obj:`{"error": ...}` if it failed. The
+    experiment runs in a separate process if its memory is measured, otherwise in this process.
     """
     return run_in_process(experiment) if experiment.measure_memory else run_here(experiment)
 
@@ -64,8 +64,8 @@ def run_in_process(experiment: Experiment) -> dict[str, Any]:
     r"""Runs an experiment in another process and returns its result, or :obj:`{"error": ...}` if it
     failed or was killed.
 
-    The process is reused for the next experiment of this thread, which saves its start, if the
-    recorded peak memory can be reset.
+    If the recorded peak memory can be reset, the process is reused for the next experiment of this
+    thread, which saves the time to start a new one.
     """
     while True:
         process = getattr(_thread_state, "process", None)
@@ -125,7 +125,7 @@ class _Process:
         if status == 0:
             return None
         if status == _SIGKILL:
-            return {"error": "its process was killed, perhaps for lack of memory"}
+            return {"error": "its process was killed, possibly for lack of memory"}
         self._stderr.seek(0)
         lines = self._stderr.read().decode("utf-8", "replace").strip().splitlines()
         return {"error": lines[-1] if lines else f"its process ended with status {status}"}
@@ -158,8 +158,8 @@ def run_worker() -> None:
 
 
 def _forward_lines(put: Callable[[bytes], None]) -> None:
-    # Reads the file descriptor, since this thread would hold the lock of sys.stdin when the process
-    # ends, and block it.
+    # Reads the file descriptor instead of sys.stdin: this thread would hold the lock of sys.stdin
+    # and block the process when it ends.
     with open(0, "rb", buffering=0, closefd=False) as file:
         for line in iter(file.readline, b""):
             put(line)

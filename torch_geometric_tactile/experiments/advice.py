@@ -1,4 +1,4 @@
-r"""Advice on a comparison in words, and the comparison as JSON values."""
+r"""Advice based on a comparison in words, and the comparison as JSON values."""
 
 import math
 from dataclasses import replace
@@ -20,15 +20,15 @@ from torch_geometric_tactile.experiments.differences import Difference, paired_d
 from torch_geometric_tactile.experiments.predictions import Predictions
 
 _VERSION = 4  # of the JSON format
-_MIN_CERTAIN_UNITS = 5  # with fewer, the advice says that new units may change it
-_SUGGESTED_FOLDS = 10  # where fewer folds cannot prove a difference
-_MAX_RANGE_UNITS = 50  # with more, an interval is given, since the extremes of many say little
+_MIN_CERTAIN_UNITS = 5  # with fewer, the advice warns that other units may change it
+_SUGGESTED_FOLDS = 10  # suggested if fewer folds cannot prove a difference
+_MAX_RANGE_UNITS = 50  # with more, an interval is printed, since extremes of many units say little
 _SCORE_PHRASES = {
-    "accuracy": "is right in",
+    "accuracy": "has an accuracy of",
     "balanced_accuracy": "has a balanced accuracy of",
     "mae": "has a mean absolute error of",
 }
-_MIN_SAMPLES_PER_UNIT = 5  # on average, to give the scores of single units
+_MIN_SAMPLES_PER_UNIT = 5  # on average, to print the scores of single units
 
 
 class _Recommendation(NamedTuple):
@@ -39,8 +39,8 @@ class _Recommendation(NamedTuple):
         best (ModelResult, optional): The model with the best mean score, on validation parts if the
             parts are given. It differs from :obj:`result` if a simpler model is recommended.
         obstacle (str): The reason why none is recommended: no model has a result for every split,
-            given parts share trials, the constant answer is the best, or the best model is not
-            ahead of it by more than one standard error on the test parts.
+            given parts share trials, the constant answer is the best, or the best model exceeds
+            the constant answer by at most one standard error on the test parts.
     """
 
     result: ModelResult | None
@@ -49,11 +49,14 @@ class _Recommendation(NamedTuple):
 
 
 def advice(comparison: Comparison) -> str:
-    r"""Returns the recommendation of a comparison in words, in three parts. **The recommendation**
-    is the model with the best mean score, on validation parts if the parts are given, unless a
-    simpler model is about as good (:func:`recommended`). **The verdict** compares it with the best
-    model of the other kind (graph or plain) and with the constant answer. **The last sentence**
-    can be quoted: the score, its variation, and the novelty of the test parts.
+    r"""Returns the recommendation of a comparison in words. The text has three parts:
+
+    * **The recommendation** is the model with the best mean score (on validation parts if the
+      parts are given), unless a simpler model is about as good (:func:`recommended`).
+    * **The verdict** compares this model with the best model of the other kind (graph or plain)
+      and with the constant answer.
+    * **The last sentence** can be quoted. It states the score, its variation, and what is new in
+      the test parts.
 
     Args:
         comparison (Comparison): The scores.
@@ -76,13 +79,14 @@ def advice(comparison: Comparison) -> str:
 def recommended(comparison: Comparison) -> ModelResult | None:
     r"""Returns the model that :func:`advice` recommends, or :obj:`None` if it recommends none.
 
-    This is the model with the best mean score, unless another model is within one standard error of
-    the paired difference (the larger of those over splits and over units) and within the tolerance
-    of the comparison, has at most half the weights, and is not slower. Of several such models, it
-    is the smallest. With given parts, scores and differences are those on validation parts.
+    This is the model with the best mean score, unless a simpler model is about as good. A simpler
+    model has at most half the weights and is not slower. It is about as good if its score is within
+    the tolerance of the comparison and within one standard error of the paired difference (the
+    larger of the errors over splits and over units). Of several such models, the smallest is
+    recommended. With given parts, scores and differences are computed on the validation parts.
 
-    No model is recommended if the best model is not ahead of the constant answer by more than one
-    standard error on the test parts, or if given parts share trials.
+    No model is recommended if the best model exceeds the constant answer by at most one standard
+    error on the test parts, or if given parts share trials.
 
     Args:
         comparison (Comparison): The scores.
@@ -91,12 +95,10 @@ def recommended(comparison: Comparison) -> ModelResult | None:
 
 
 def _recommend(comparison: Comparison) -> _Recommendation:
-    r"""Recommends the model with the best mean score, unless a simpler model is about as good:
-    within one standard error of the difference and within the tolerance, with at most half the
-    weights, and not slower. Of several such models, the smallest is recommended.
+    r"""Recommends a model by the rule of :func:`recommended`.
 
-    With given parts, scores and differences are those on validation parts. The test part then only
-    decides whether the model is better than the constant answer.
+    With given parts, scores and differences are computed on the validation parts. The test part
+    then only decides whether the model is better than the constant answer.
 
     Args:
         comparison (Comparison): The scores.
@@ -153,20 +155,20 @@ def _no_recommendation(comparison: Comparison, recommendation: _Recommendation) 
     floor = f"always answering {constant.name} ({_format_number(comparison, constant.score)})"
     if recommendation.obstacle == "shared trials":
         return (
-            f"Take none: {_format_count(units.num_leaked, 'trial')} of the test part "
-            f"{'is' if units.num_leaked == 1 else 'are'} in the training part too, so the scores "
+            f"No model is recommended: {_format_count(units.num_leaked, 'trial')} of the test part "
+            f"{'is' if units.num_leaked == 1 else 'are'} also in the training part, so the scores "
             "say nothing about new trials. Put each trial into one part, or split by trial."
         )
     if recommendation.obstacle == "constant":
         return (
-            f"Take none: no model is better than {floor}. There is nothing to learn from these "
-            "samples, or there are too few."
+            f"No model is recommended: none is better than {floor}. Either the readings do not "
+            "determine the answer, or there are too few samples."
         )
     difference = comparison.difference(best.model.name, FLOOR)
     return (
-        f"Take none yet: {_name_with_score(comparison, best)}, the best model, is "
+        f"No model is recommended yet: the best model, {_name_with_score(comparison, best)}, is "
         f"{_relation_to_constant(comparison, best)} {floor} "
-        f"({_describe_errors(comparison, difference)}). More {units.name}s would tell."
+        f"({_describe_errors(comparison, difference)}). More {units.name}s are needed."
     )
 
 
@@ -180,27 +182,28 @@ def _model_sentences(
 ) -> list[str]:
     # Returns sentences on the recommended model and on the best model of the other kind.
     best = recommendation.best
-    text = f"Take {_name_with_score(comparison, result)}"
+    text = f"Use {_name_with_score(comparison, result)}."
     if best is not None and best is not result:
         text += (
-            f", which is simpler than {best.model.name}, the best model, and about as good "
-            f"({_compare_sizes(result, best)})"
+            f" It is simpler than {best.model.name}, the best model, and about as good "
+            f"({_compare_sizes(result, best)})."
         )
     rivals = [r for r in comparison.results if r is not result and r.model.name != FLOOR]
     cross_kind_rivals = [r for r in rivals if r.model.is_graph != result.model.is_graph]
     if not rivals:
-        return [f"{text}; no other model has a score."]
+        return [f"{text} No other model has a score."]
     rival = max(cross_kind_rivals or rivals, key=comparison.merit)
-    kind = "the best graph model" if rival.model.is_graph else "the best plain model"
+    kind = "best graph model" if rival.model.is_graph else "best plain model"
     if not cross_kind_rivals:
-        kind = "the next best model" if best is result else "the best of the others"
+        kind = "next best model" if best is result else "best other model"
     difference = comparison.difference(rival.model.name, result.model.name)
     size = format_score(comparison.metric, abs(difference.mean))
     if not float(size):
-        return [f"{text}: {rival.model.name}, {kind}, is level with it."]
+        return [f"{text} The {kind}, {rival.model.name}, has the same score."]
     points = " points" if comparison.metric in PERCENT else ""
     is_better = (difference.mean > 0) != (comparison.metric == "mae")
-    text += f": {rival.model.name}, {kind}, is {size}{points} {'better' if is_better else 'worse'}"
+    comparative = "better" if is_better else "worse"
+    text += f" The {kind}, {rival.model.name}, is {size}{points} {comparative}"
     if difference.is_beyond_noise:
         return [f"{text}, which is {_describe_noise(comparison, difference)}."]
     leader = rival if is_better else result
@@ -208,8 +211,8 @@ def _model_sentences(
 
 
 def _contradiction_sentence(comparison: Comparison, result: ModelResult) -> str:
-    # Returns a sentence if another model than the one chosen by validation scores is better on the
-    # test part, beyond the noise.
+    # Returns a sentence if a model that the validation scores did not select is better on the test
+    # part, beyond the noise.
     leader = max(comparison.results, key=comparison.goodness)
     if not comparison.is_validated or leader is result:
         return ""
@@ -219,7 +222,7 @@ def _contradiction_sentence(comparison: Comparison, result: ModelResult) -> str:
     size = format_score(comparison.metric, abs(difference.mean))
     points = " points" if comparison.metric in PERCENT else ""
     return (
-        f"The validation parts and the test part disagree: on the test part {leader.model.name} is "
+        f"Validation and test scores disagree: on the test part, {leader.model.name} is "
         f"{size}{points} better than {result.model.name}, beyond the noise. Test both on new "
         f"{comparison.units.name}s."
     )
@@ -231,33 +234,33 @@ def _describe_noise(comparison: Comparison, difference: Difference) -> str:
 
 
 def _unproved_sentence(comparison: Comparison, leader: ModelResult, difference: Difference) -> str:
-    # Returns a sentence on the evidence for the better of two models, and how to prove it.
+    # Returns sentences on the evidence that one of two models is better, and how to prove it.
     ahead, behind = difference.units
     num_won = difference.splits.above
     if difference.mean < 0:
         ahead, behind, num_won = behind, ahead, difference.splits.below
-    text = f"{leader.model.name} is ahead in "
+    text = f"{leader.model.name} is better in "
     if difference.num_splits > 1:
         text += f"{num_won} of {difference.num_splits} splits and in "
-    text += f"{_format_count(ahead, difference.unit)} against {behind}"
+    text += f"{_format_count(ahead, difference.unit)}, and worse in {behind}"
     if difference.num_units < MIN_PAIRS:
         count = _format_count(difference.num_units, difference.unit)
-        return f"{text}; {count} cannot prove it; more {difference.unit}s could."
+        return f"{text}. {count} cannot prove a difference; more {difference.unit}s could."
     if math.isnan(difference.margin):
         count, hint = (
             _format_count(difference.num_splits, "split"),
             _folds_hint(comparison, difference),
         )
-        return f"{text}; {count} cannot prove it; {hint}."
+        return f"{text}. {count} cannot prove a difference; {hint}."
     margin = format_score(comparison.metric, difference.margin)
     noise = f"the noise of ± {margin} ({_describe_errors(comparison, difference)})"
     if not abs(difference.mean) > difference.error:
-        return f"{text}, which is within {noise}."
+        return f"{text}. The difference is within {noise}."
     if difference.is_proved_by(_SUGGESTED_FOLDS):
         hint = _folds_hint(comparison, difference)
         count = _format_count(difference.num_splits, "split")
-        return f"{text}, but {count} cannot prove it beyond {noise}; {hint}."
-    return f"{text}, but within {noise}; more {difference.unit}s could prove it."
+        return f"{text}. {count} cannot prove a difference beyond {noise}; {hint}."
+    return f"{text}. The difference is within {noise}; more {difference.unit}s could prove it."
 
 
 def _folds_hint(comparison: Comparison, difference: Difference) -> str:
@@ -277,8 +280,8 @@ def _constant_sentence(comparison: Comparison, result: ModelResult) -> str:
         return ""
     return (
         f"{result.model.name} is not clearly better than always answering "
-        f"{comparison.constant.name} ({_describe_errors(comparison, difference)}); more "
-        f"{comparison.units.name}s would tell."
+        f"{comparison.constant.name} ({_describe_errors(comparison, difference)}). More "
+        f"{comparison.units.name}s are needed."
     )
 
 
@@ -287,26 +290,28 @@ def _units_sentence(comparison: Comparison) -> str:
     if comparison.units.num_leaked:
         return (
             f"{_format_count(comparison.units.num_leaked, 'trial')} "
-            f"{'is' if comparison.units.num_leaked == 1 else 'are'} in the training and the test "
-            "part of a split: the scores say nothing about new trials (split by trial)."
+            f"{'is' if comparison.units.num_leaked == 1 else 'are'} in both the training and the "
+            "test part of a split: the scores say nothing about new trials. Split by trial."
         )
     num_seen, unit = comparison.units.num_seen, comparison.units.name
     if num_seen:
         return (
             f"{num_seen} of {_format_count(num_units, unit)} in the test part "
-            f"{'is' if num_seen == 1 else 'are'} in the training part too: put each {unit} into "
-            "one part."
+            f"{'is' if num_seen == 1 else 'are'} also in the training part: put each {unit} into "
+            "one part only."
         )
     if num_units >= _MIN_CERTAIN_UNITS:
         return ""
+    unit = comparison.units.name
     return (
-        f"Only {_format_count(num_units, comparison.units.name)}: others may give another choice."
+        f"There {'is' if num_units == 1 else 'are'} only {_format_count(num_units, unit)}: with "
+        f"other {unit}s, another model may be the best."
     )
 
 
 def _quotation(comparison: Comparison, result: ModelResult) -> str:
-    r"""Returns a sentence that can be quoted: the score of a model, its variation, the novelty of
-    the test parts, and the score of the constant answer.
+    r"""Returns a sentence that can be quoted. It states the score of a model, its variation, what
+    is new in the test parts, and the score of the constant answer.
 
     Args:
         comparison (Comparison): The scores.
@@ -316,15 +321,15 @@ def _quotation(comparison: Comparison, result: ModelResult) -> str:
     name, value = result.model.name, _format_number(comparison, result.scores[metric].mean)
     test_part = f"On {unit}s that the model has never seen"
     if comparison.units.num_leaked:
-        test_part = "On samples of trials that the model has seen"
+        test_part = "On samples from trials that the model has seen"
     elif comparison.units.num_seen:
-        test_part = f"On {unit}s most of which the model has never seen"
+        test_part = f"On samples from {unit}s that are mostly new to the model"
     num_models = sum(measured.model.name != FLOOR for measured in comparison.results)
     by = "validation scores" if comparison.is_validated else "these scores"
     remarks = [
         _describe_variation(comparison, name),
-        f"always answering {constant.name} would give {_format_number(comparison, constant.score)}",
-        f"the best of {num_models} models, chosen by {by}" if num_models > 1 else "",
+        f"always answering {constant.name} scores {_format_number(comparison, constant.score)}",
+        f"best of {num_models} models, selected by {by}" if num_models > 1 else "",
         _describe_trainings(comparison),
     ]
     details = "; ".join(filter(None, remarks))
@@ -335,12 +340,12 @@ def _describe_trainings(comparison: Comparison) -> str:
     if not comparison.has_given_parts:
         return ""
     if comparison.num_seeds > 1:
-        return f"the mean of {comparison.num_seeds} trainings"
-    return "one training, and another one would give another score"
+        return f"mean of {comparison.num_seeds} training runs"
+    return "one training run; another run would give another score"
 
 
 def _describe_variation(comparison: Comparison, name: str) -> str:
-    # Returns the lowest and the highest score of a unit, or the 95 % interval of the mean.
+    # Returns the lowest and the highest score over the units, or the 95 % interval of the mean.
     metric, unit = comparison.metric, comparison.units.name
     by_unit = _predictions_by_unit(comparison, name)
     count = _format_count(len(by_unit), unit)
@@ -351,14 +356,14 @@ def _describe_variation(comparison: Comparison, name: str) -> str:
             for part in by_unit.values()
         ]
         worst, best = format_score(metric, min(scores)), _format_number(comparison, max(scores))
-        return f"{count}, {worst} to {best} each"
+        return f"{count} with {worst} to {best} each"
     if len(by_unit) < MIN_PAIRS:
         return count
     low, high = _confidence_interval(
         _score_with_errors(comparison, name), is_share=metric in PERCENT
     )
     interval = f"{format_score(metric, low)} to {_format_number(comparison, high)}"
-    return f"{count}, {interval} with 95 % confidence"
+    return f"{count}; 95 % confidence interval {interval}"
 
 
 def _confidence_interval(score: Difference, is_share: bool) -> tuple[float, float]:
@@ -387,7 +392,8 @@ def _predictions_by_unit(comparison: Comparison, name: str) -> dict[int, Predict
 
 
 def _score_with_errors(comparison: Comparison, name: str) -> Difference:
-    # Returns the score of a model with its errors, as the difference to predictions of score zero.
+    # Returns the score of a model with its errors, as the difference from predictions that score
+    # zero.
     predictions = comparison.predictions(name)
     zero_score = [
         replace(p, prediction=p.y if comparison.metric == "mae" else np.full_like(p.y, -1))
@@ -399,7 +405,7 @@ def _score_with_errors(comparison: Comparison, name: str) -> Difference:
 def _compare_sizes(result: ModelResult, best: ModelResult) -> str:
     sizes = [f"{r.num_parameters:,.0f}" for r in (result, best) if r.num_parameters is not None]
     times = [f"{r.milliseconds:.2g}" for r in (result, best)]
-    return f"{' against '.join(sizes)} weights, {' against '.join(times)} ms a sample"
+    return f"{' instead of '.join(sizes)} weights, {' instead of '.join(times)} ms per sample"
 
 
 def _name_with_score(comparison: Comparison, result: ModelResult) -> str:

@@ -1,5 +1,5 @@
-r"""Data sources of comparisons: the samples of a file, folder or class, or windows and trials that
-are cut from its frames.
+r"""Data sources of comparisons: the samples of a file, folder or class, or windows and trials cut
+from its frames.
 """
 
 import inspect
@@ -17,7 +17,7 @@ from torch_geometric_tactile.experiments._building import argument_names
 from torch_geometric_tactile.experiments.source import DataSource
 
 _DATASETS = "torch_geometric_tactile.datasets"
-_PITCH = 0.005  # m, of a grid without known distances
+_PITCH = 0.005  # in metres, for a grid with unknown distances
 _IMPORT_PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*")
 _WINDOWS = "torch_geometric_tactile.data.Windows"
 _TRIALS = "torch_geometric_tactile.data.Trials"
@@ -26,16 +26,16 @@ _RESAMPLE = "torch_geometric_tactile.transforms.Resample"
 
 @dataclass(frozen=True)
 class FrameCut:
-    r"""The cut of samples of several frames, windows or whole trials, from the frames of a data
-    set.
+    r"""Settings to cut the frames of a data set into samples of several frames: windows or whole
+    trials.
 
     Args:
-        window (int, optional): Number of frames of a window.
-        hop (int, optional): Number of frames from one window to the next; :obj:`window` if left
-            out.
-        horizon (int, optional): Labels a window by the frame so many frames after its last; by its
-            last frame if left out.
-        trials (int, optional): Number of frames that whole trials are resampled to.
+        window (int, optional): Number of frames per window.
+        hop (int, optional): Number of frames from the start of one window to the next. Defaults to
+            :obj:`window`.
+        horizon (int, optional): Labels a window by the frame that follows its last frame by this
+            number of frames. By default, the last frame labels the window.
+        trials (int, optional): Number of frames to which whole trials are resampled.
 
     Raises:
         ValueError: If both or neither of :obj:`window` and :obj:`trials` are given, or a number is
@@ -79,8 +79,8 @@ class FrameCut:
                 raise ArgumentError(Argument(name), f" must be at least {minimum} (got {number})")
 
     def cut(self, frames: DataSource) -> DataSource:
-        r"""Returns the windows or trials as a data source. Arguments that select frames, such as a
-        stride, apply before cutting.
+        r"""Returns the windows or trials as a data source. Arguments that select frames, such as
+        :obj:`stride`, are applied before cutting.
         """
         if self.window is None:
             resample = {"class_path": _RESAMPLE, "init_args": {"num": self.trials}}
@@ -126,10 +126,10 @@ def data_source(
         grid (str, optional): Rows and columns of a grid in place of a layout, such as
             :obj:`"28x50"`.
         task (str, optional): The task of a file.
-        time_axis (int, optional): The axis of time in the readings of a file.
+        time_axis (int, optional): The time axis of the readings in a file.
         arguments (Mapping, optional): Further arguments of the class.
         stride (int, optional): Keeps every :obj:`stride`-th frame of each trial.
-        resample (float, optional): Rate in hertz to which recordings are resampled.
+        resample (float, optional): Frame rate in hertz to which recordings are resampled.
         cut (FrameCut, optional): Cuts windows or whole trials from the frames.
 
     Raises:
@@ -139,7 +139,7 @@ def data_source(
     if time_axis is not None and cut is not None:
         raise ArgumentError(
             Argument("time_axis"),
-            f" must be left out where windows or trials are cut (got {time_axis})",
+            f" must be left out if windows or trials are cut (got {time_axis})",
         )
     frames = _find_data(data, layout, grid, task, time_axis, arguments)
     if resample is not None:
@@ -194,7 +194,7 @@ def _find_data(
         names = [name for name in datasets.__all__ if inspect.isclass(getattr(datasets, name))]
         if text not in names:
             raise FileNotFoundError(
-                f"'{text}' is neither a file, nor a folder, nor one of our data sets: "
+                f"'{text}' is not a file, a folder or a data set of this package: "
                 f"{', '.join(names)}"
             )
         text = f"{_DATASETS}.{text}"
@@ -223,19 +223,22 @@ def _with_stride(frames: DataSource, stride: int) -> DataSource:
 
 
 def describe_left_out(dataset: StaticDataset) -> str:
-    r"""Returns a sentence on the trials and windows that were left out in cutting samples; empty if
-    there are none.
+    r"""Returns a sentence that counts the trials and windows left out when samples were cut, or an
+    empty text if there are none.
     """
     parts = []
     if isinstance(dataset, FrameView) and dataset.too_short:
         parts.append(f"trials shorter than a window: {len(dataset.too_short)}")
     if isinstance(dataset, Windows) and dataset.num_beyond:
-        parts.append(f"windows whose label is beyond their trial: {dataset.num_beyond}")
+        parts.append(
+            f"windows whose label lies beyond the end of their trial: {dataset.num_beyond}"
+        )
     return f"Left out: {'; '.join(parts)}." if parts else ""
 
 
 def describe_cut(source: DataSource) -> str:
-    r"""Returns a sentence on the frames of a sample; empty for single frames.
+    r"""Returns a sentence that describes the frames of a sample, or an empty text for single
+    frames.
 
     Examples:
         >>> frames = DataSource("torch_geometric_tactile.datasets.BiGS", {"root": "bigs"})
@@ -246,8 +249,8 @@ def describe_cut(source: DataSource) -> str:
     if source.class_path == _WINDOWS:
         length, hop = arguments["length"], arguments.get("hop", 1)
         horizon = arguments.get("horizon")
-        label = f"the frame {horizon} after its last" if horizon else "its last frame"
-        spacing = "one after the other" if hop == length else f"one every {hop}"
+        label = f"the frame {horizon} frames after its last" if horizon else "its last frame"
+        spacing = "without overlap" if hop == length else f"one every {hop} frames"
         text = f"A sample is a window of {length} frames, {spacing}, with the label of {label}"
     elif source.class_path == _TRIALS:
         step = arguments.get("pre_transform")
@@ -258,5 +261,5 @@ def describe_cut(source: DataSource) -> str:
     else:
         return ""
     if source.frames is not None and source.frames.tare is not None:
-        text += "; rest readings of each trial were subtracted before"
+        text += "; the reading at rest of each trial was subtracted first"
     return f"{text}."

@@ -38,8 +38,8 @@ from torch_geometric_tactile.experiments.tables import Table, TableProtocol
 
 _CLASS_METRICS = ("accuracy", "balanced_accuracy", "f1")
 _NUMBER_METRICS = ("mae", "rmse", "r2")
-# The share of the training samples that candidate settings are trained on. The training recipe of
-# networks depends on their number.
+# The share of the training samples on which candidate settings are trained. The training recipe of
+# a network depends on the number of these samples.
 _FIT_SHARE = 0.8
 _TOLERANCE = 0.01  # one percentage point
 _TOLERANCES = {"mae": 0.02}  # a share of the smallest error
@@ -51,31 +51,31 @@ class ComparisonSettings:
 
     Args:
         models (tuple of str, optional): Names of the models, or import paths of your own models: a
-            network class, or a class or function that returns an estimator of scikit-learn. If left
-            out, all stock models that fit the data.
-        by (str, optional): The unit that a split keeps together, as of
+            network class, or a class or function that returns a scikit-learn estimator. Defaults to
+            all stock models that fit the data.
+        by (str, optional): The unit that a split keeps together, as in
             :class:`~torch_geometric_tactile.data.Protocol`: :obj:`"trial"`, :obj:`"group"`,
-            :obj:`"session"`, :obj:`"frame"` or a name that the samples have, such as
-            :obj:`"person"`; or :obj:`"given"` for the parts of the data set. If left out, the
-            trial; for samples without trials the group, if three or more groups share their
-            classes, otherwise the frame. A warning then names the unit.
-        folds (int): Number of folds. Each fold is the test part once for each seed.
-        seeds (int): Number of times that the folds are drawn, or that models are trained on given
-            parts.
+            :obj:`"session"`, :obj:`"frame"` or an attribute of the samples, such as
+            :obj:`"person"`. With :obj:`"given"`, the parts of the data set are used. Defaults to
+            the trial. Samples without trials are split by group if three or more groups share their
+            classes, otherwise by frame; a warning then names the unit.
+        folds (int): Number of folds. For each seed, each fold is the test part once.
+        seeds (int): Number of random draws of the folds, or of training runs on given parts.
         metric (str, optional): The score by which settings and models are selected:
             :obj:`"accuracy"` (the default for classes), :obj:`"balanced_accuracy"` (training then
             weights classes equally), or :obj:`"mae"` (the default for numbers).
-        epochs (int, optional): Epochs of a network; by the number of samples if left out.
+        epochs (int, optional): Epochs of a network. The default depends on the number of samples.
         members (int, optional): Number of networks that are trained on each training part and
-            averaged. If left out, three, or one with more than 1,000 training samples.
+            averaged. Defaults to three, or to one with more than 1,000 training samples.
         tare (dict, optional): Arguments of :class:`~torch_geometric_tactile.transforms.Tare`, such
-            as :obj:`{"key": "trial", "first": 10}` if each trial begins at rest. The frames of
-            windows are tared before windows are cut.
+            as :obj:`{"key": "trial", "first": 10}` if each trial begins at rest. The frames are
+            tared before windows are cut.
         accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
         threads (int): Threads of each run.
         tolerance (float, optional): The largest loss of score for which a simpler model is
-            recommended instead of the best: a share of one (0.01, one percentage point, if left
-            out), or for :obj:`"mae"` a share of the smallest error (0.02 if left out).
+            recommended instead of the best. Accuracies are from 0 to 1, so the default of 0.01 is
+            one percentage point. For :obj:`"mae"`, it is a share of the smallest error, and the
+            default is 0.02.
 
     Raises:
         ValueError: If a name is unknown, or a number is too small.
@@ -124,8 +124,8 @@ class ComparisonSettings:
 
 
 class Summary(NamedTuple):
-    r"""Mean and standard deviation over splits, or over the seeds of given parts. The standard
-    deviation is NaN for fewer than two.
+    r"""The mean and the standard deviation over splits, or over the seeds of given parts. The
+    standard deviation of a single value is NaN.
     """
 
     mean: float
@@ -139,13 +139,13 @@ class ModelResult:
     Args:
         model (ComparedModel): The model.
         scores (dict): Mean and standard deviation of each score, by its name.
-        difference (Difference, optional): The difference to the best plain model; :obj:`None` for
-            that model.
-        num_parameters (float, optional): Mean number of weights, or of fitted numbers of an
-            estimator.
-        seconds (float): Mean seconds of selection and training on one split.
-        milliseconds (float): Mean milliseconds to predict one sample.
-        chosen (tuple of dict): The selected setting of each split, with its number and the
+        difference (Difference, optional): The difference from the best plain model; :obj:`None` for
+            the best plain model.
+        num_parameters (float, optional): Mean number of weights of a network, or of fitted numbers
+            of an estimator.
+        seconds (float): Mean time to select settings and train on one split, in seconds.
+        milliseconds (float): Mean time to predict one sample, in milliseconds.
+        chosen (tuple of dict): The selected setting of each split, with its index and the
             validation scores.
         validation (float, optional): With given parts, the mean validation score over the
             validation parts and seeds.
@@ -168,13 +168,13 @@ class Comparison:
     Args:
         run (PlanRun): The runs.
         metric (str): The score that is compared.
-        results (tuple of ModelResult): Results of the models that have one for every split, in the
-            order of the models.
+        results (tuple of ModelResult): Results of the models that are finished on every split, in
+            the order of the models.
         best_plain (str, optional): Name of the best plain model by :meth:`merit`.
-        units (ScoreUnits): The units that are new in the test parts, each one observation.
+        units (ScoreUnits): The units that are new in the test parts. Each unit is one observation.
         constant (ConstantAnswer): The most frequent class, or the mean, and its score.
-        tolerance (float): The largest loss of score, or for :obj:`"mae"` gain of error, for which
-            a simpler model is recommended instead of the best.
+        tolerance (float): The largest loss of score (for :obj:`"mae"`, the largest increase of the
+            error) for which a simpler model is recommended instead of the best.
     """
 
     run: PlanRun
@@ -187,7 +187,7 @@ class Comparison:
 
     @property
     def metrics(self) -> tuple[str, ...]:
-        r"""Names of the scores."""
+        r"""The names of the scores."""
         return _NUMBER_METRICS if self.metric == "mae" else _CLASS_METRICS
 
     @property
@@ -197,27 +197,27 @@ class Comparison:
 
     @property
     def num_splits(self) -> int:
-        r"""Number of splits that models are compared on. Given parts are a single split, with any
-        number of seeds.
+        r"""The number of splits on which models are compared. Given parts are a single split for
+        any number of seeds.
         """
         splits = {(e.seed, e.fold) for e in self.run.plan.experiments}
         return 1 if self.has_given_parts else len(splits)
 
     @property
     def num_seeds(self) -> int:
-        r"""Number of trainings on each training part, or of draws of the folds."""
+        r"""The number of random draws of the folds, or of training runs on given parts."""
         return len({e.seed for e in self.run.plan.experiments})
 
     @property
     def is_validated(self) -> bool:
-        r"""Whether models are ranked by validation scores, as with given parts, instead of scores
-        on the test parts.
+        r"""Whether models are ranked by validation scores instead of test scores, as with given
+        parts.
         """
         return any(result.validation is not None for result in self.results)
 
     @property
     def best(self) -> ModelResult | None:
-        r"""The model with the highest :meth:`merit`; of equal models, the smallest."""
+        r"""The model with the highest :meth:`merit`. Of equally good models, the smallest."""
 
         def rank(result: ModelResult) -> tuple[float, float, float]:
             size = math.inf if result.num_parameters is None else result.num_parameters
@@ -226,8 +226,8 @@ class Comparison:
         return min(self.results, key=rank, default=None)
 
     def merit(self, result: ModelResult) -> float:
-        r"""Returns the score by which models are ranked, higher for better models: the validation
-        score if :obj:`is_validated`, otherwise :meth:`goodness`.
+        r"""Returns the score by which models are ranked, which is higher for better models. It is
+        the validation score if :obj:`is_validated`, otherwise :meth:`goodness`.
 
         Args:
             result (ModelResult): The result of a model.
@@ -239,7 +239,7 @@ class Comparison:
         return -result.validation if self.metric == "mae" else result.validation
 
     def goodness(self, result: ModelResult) -> float:
-        r"""Returns the score on the test parts, higher for better models.
+        r"""Returns the score on the test parts with a sign that makes it higher for better models.
 
         Args:
             result (ModelResult): The result of a model.
@@ -263,14 +263,14 @@ class Comparison:
         raise ArgumentError(Argument("name"), f" must be one of {names} (got '{name}')")
 
     def difference(self, first: str, second: str) -> Difference:
-        r"""Returns the score of one model minus that of another on the same splits.
+        r"""Returns the score of one model minus the score of another on the same splits.
 
         Args:
-            first (str): Name of the one model.
-            second (str): Name of the model that is subtracted.
+            first (str): Name of the first model.
+            second (str): Name of the model whose score is subtracted.
 
         Raises:
-            ValueError: If there is no split that is finished for both.
+            ValueError: If no split is finished for both models.
         """
         (protocol,) = self.run.plan.protocols
         difference = run_difference(
@@ -290,11 +290,11 @@ class Comparison:
         r"""Returns the validation score of one model minus that of another on the same parts.
 
         Args:
-            first (str): Name of the one model.
-            second (str): Name of the model that is subtracted.
+            first (str): Name of the first model.
+            second (str): Name of the model whose score is subtracted.
 
         Raises:
-            ValueError: If one of them has no validation score.
+            ValueError: If a model has no validation score.
         """
         validations = [self._validations(name) for name in (first, second)]
         for name, entries in zip((first, second), validations, strict=True):
@@ -311,7 +311,7 @@ class Comparison:
         )
         if self.units.count_units(first_by_unit) >= MIN_PAIRS:
             return paired_difference(first_by_unit, second_by_unit, self.metric, overlap, unit)
-        # Too few units for an error: trials count instead.
+        # With too few units for a standard error, trials are the units instead.
         return paired_difference(first_predictions, second_predictions, self.metric, overlap)
 
     def _validations(self, name: str) -> list[dict[str, Any]]:
@@ -319,7 +319,7 @@ class Comparison:
         return [entry for entry in validations if entry and entry["predictions"]]
 
     def predictions(self, name: str) -> list[Predictions]:
-        r"""Returns the predictions of one model, split by split. Their :obj:`trial` is the unit of
+        r"""Returns the predictions of one model for each split. Their :obj:`trial` is the unit of
         each sample.
 
         Args:
@@ -339,8 +339,8 @@ def comparison_plan(
     name: str = "comparison",
     selection: Mapping[str, Any] | None = None,
 ) -> Plan:
-    r"""Lists the experiments of a comparison: every model on every fold for every seed. Each
-    experiment selects its settings within its training part, and uses its test part once.
+    r"""Returns the plan of a comparison: an experiment for each model, fold and seed. Each
+    experiment selects its settings within its training part and uses its test part once.
 
     Args:
         source (DataSource): The samples (see :func:`data_source`).
@@ -351,8 +351,8 @@ def comparison_plan(
 
     Raises:
         FileNotFoundError: If there is no data.
-        ValueError: If the samples cannot be split by the settings, or a model does not fit the
-            data.
+        ValueError: If the samples cannot be split as the settings require, or a model does not fit
+            the data.
     """
     settings = settings or ComparisonSettings()
     source, tare, selection = _move_to_frames(source, settings.tare, selection)
@@ -360,15 +360,15 @@ def comparison_plan(
     if facts.num_frames is not None and tare is not None:
         raise ArgumentError(
             Argument("tare"),
-            " must be left out for samples of several frames: subtract rest readings before "
-            "they are cut",
+            " must be left out for samples of several frames: subtract the reading at rest before "
+            "cutting samples",
         )
     dataset = source.load()
     if isinstance(dataset, GraphSamples) and tare is not None:
         raise ArgumentError(
             Argument("tare"),
-            f" must be left out for samples of different sensors (got samples of "
-            f"{dataset.describe_taxels()}): subtract rest readings sample by sample",
+            f" must be left out for samples from different sensors (got samples with "
+            f"{dataset.describe_taxels()}): subtract the reading at rest from each sample",
         )
     is_regression = _is_regression(dataset)
     metric = settings.metric or ("mae" if is_regression else "accuracy")
@@ -378,7 +378,7 @@ def comparison_plan(
         raise ArgumentError(Argument("metric"), f" must be {allowed} for {kind} (got '{metric}')")
     protocol = compared_protocol(dataset, settings.by, settings.folds)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of classes with few units: the runs warn as well
+        warnings.simplefilter("ignore")  # about classes with few units: the runs warn as well
         num_train = mean_training_size(source, protocol)
     task = ComparedTask.from_dataset(
         dataset,
@@ -408,9 +408,9 @@ def comparison_plan(
 def _move_to_frames(
     source: DataSource, tare: Mapping[str, Any] | None, selection: Mapping[str, Any] | None
 ) -> tuple[DataSource, dict[str, Any] | None, Mapping[str, Any] | None]:
-    r"""Moves a tare and a selection from samples to the frames that they are cut from. Returns the
-    source, and the tare and selection that are left for its samples: both for single frames, none
-    for windows and trials.
+    r"""Moves a tare and a selection from samples to the frames from which they are cut. Returns the
+    source, and the tare and selection that remain for its samples: both for single frames, none for
+    windows and trials.
     """
     if not source.is_view:
         return source, None if tare is None else dict(tare), selection
@@ -452,10 +452,10 @@ def compare(
         source (DataSource): The samples (see :func:`data_source`).
         settings (ComparisonSettings, optional): The models, splits and scores.
         out (str or PathLike): Folder of the runs.
-        jobs (int, optional): Number of runs at a time, as of :func:`run_plan`.
+        jobs (int, optional): Number of parallel runs, as in :func:`run_plan`.
         name (str): Name of the comparison, for its title and messages.
         selection (Mapping, optional): Arguments of the data set that only select samples.
-        on_progress (callable, optional): As of :func:`run_plan`.
+        on_progress (callable, optional): As in :func:`run_plan`.
     """
     plan = comparison_plan(source, settings, name=name, selection=selection)
     tolerance = None if settings is None else settings.tolerance
@@ -467,15 +467,15 @@ def summarize(run: PlanRun, tolerance: float | None = None) -> Comparison:
 
     Args:
         run (PlanRun): The run of a comparison.
-        tolerance (float, optional): As of :class:`ComparisonSettings`.
+        tolerance (float, optional): As in :class:`ComparisonSettings`.
 
     Raises:
-        ValueError: If the run is not of a comparison.
+        ValueError: If the run is not the run of a comparison.
     """
     plan = run.plan
     choice = plan.experiments[0].choice
     if choice is None:
-        raise ValueError("'run' must be of a comparison (got a table without choices)")
+        raise ValueError("'run' must be the run of a comparison (got a table without choices)")
     metric = choice.metric
     by_model: dict[str, dict[tuple[int, int], dict[str, Any]]] = {}
     for experiment, result in run.results:
@@ -531,19 +531,19 @@ def summarize(run: PlanRun, tolerance: float | None = None) -> Comparison:
 
 
 def _validation_score(results: list[dict[str, Any]]) -> float | None:
-    # Returns the mean over the seeds; None for folds, or if a training for a part failed.
+    # Returns the mean over the seeds, or None for folds or if a training run failed.
     scores = [(result.get("validation") or {}).get("score") for result in results]
     return _mean_or_none(scores)
 
 
 def _find_measured_model(name: str, results: list[dict[str, Any]]) -> ComparedModel:
-    # Whether a user's network reads edges is only known from its runs.
+    # Only the runs show whether a user's network reads edges.
     model = find_model(name)
     return replace(model, is_graph=True) if results[0].get("is_graph") else model
 
 
 def _describe_frames(num_frames: int | None) -> str:
-    return "" if num_frames is None else f", {num_frames} frames a sample"
+    return "" if num_frames is None else f", {num_frames} frames per sample"
 
 
 def _summarize_metric(results: list[dict[str, Any]], metric: str) -> Summary:
@@ -568,14 +568,14 @@ def _is_regression(dataset: SampleSet) -> bool:
     if y.dim() == 1 and not y.is_floating_point():
         need(
             not len(y) or int(y.min()) >= 0,
-            "'y' must be classes from 0; leave out samples without a class, with "
+            "'y' must be classes from 0; leave out samples without a class with "
             "dataset[dataset.y >= 0]",
             int(y.min()) if len(y) else 0,
         )
         return False
     if y.dim() > 1 and bool(((y == 0) | (y == 1)).all()):
         raise ValueError(
-            f"'y' must be one class a sample, or numbers (got 0 and 1 for each of {y.shape[1]} "
-            "labels): choose one of them, or another target"
+            f"'y' must be one class per sample, or numbers (got 0 and 1 for each of {y.shape[1]} "
+            "labels): select one label, or another target"
         )
     return True

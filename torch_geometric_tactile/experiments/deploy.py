@@ -45,21 +45,22 @@ from torch_geometric_tactile.training.one_cycle import OneCycle
 
 
 def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
-    r"""Trains a model of a comparison once more and returns it as a predictor, with the transforms
-    of the comparison, the class names, the preparation of recordings, and the measured score.
+    r"""Trains a model of a comparison again and returns it as a predictor. The predictor contains
+    the transforms of the comparison, the class names, the preparation of recordings, and the
+    measured score.
 
-    The model is trained on all samples, with the setting that was selected on most splits (the
-    default if several are tied). If the parts are given (:obj:`by="given"`), it is trained on the
-    training and validation parts; the test part stays unused. As in the comparison, a network is
-    the average of :obj:`members` networks.
+    The model is trained on all samples with the setting that was selected on most splits (or the
+    default setting, if there is a tie). If the parts are given (:obj:`by="given"`), it is trained
+    on the training and validation parts, and the test part stays unused. As in the comparison, a
+    network is the average of :obj:`members` networks.
 
-    Estimators without probabilities get them by
-    :class:`~torch_geometric_tactile.baselines.TemperatureScaling`, with trials, or the units of the
-    comparison, held out.
+    Estimators without probabilities are calibrated by
+    :class:`~torch_geometric_tactile.baselines.TemperatureScaling` on held-out trials, or held-out
+    units of the comparison.
 
     Args:
         comparison (Comparison): The scores.
-        name (str, optional): Name of the model; the recommended model if left out.
+        name (str, optional): Name of the model. Defaults to the recommended model.
 
     Raises:
         ValueError: If no model is recommended, there is no result of :obj:`name`, or the source
@@ -71,9 +72,7 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
     """
     result = recommended(comparison) if name is None else comparison.of(name)
     if result is None:
-        raise ValueError(
-            f"'name' must be the name of a model, since none is recommended: {advice(comparison)}"
-        )
+        raise ValueError(f"'name' must be the name of a model (got none). {advice(comparison)}")
     experiment = next(e for e in comparison.run.plan.experiments if e.name == result.model.name)
     choice = experiment.choice
     assert choice is not None
@@ -97,7 +96,7 @@ def deploy(comparison: Comparison, name: str | None = None) -> Predictor:
         model=result.model.name,
         metric=comparison.metric,
         mean=mean,
-        # The score has a standard deviation over splits, not over seeds.
+        # The standard deviation of the score is over splits, not over seeds.
         sd=sd if math.isfinite(sd) and not comparison.has_given_parts else None,
         num_splits=comparison.num_splits,
         protocol=experiment.protocol.describe(),
@@ -120,7 +119,7 @@ def _training_samples(experiment: Experiment) -> tuple[SampleSet, str]:
     with sharing_ignored():
         split = experiment.protocol.split(samples)
     indices = torch.cat([split.train, split.val]).sort().values
-    return samples[indices], f"the {len(indices):,} samples of the parts to train and choose on"
+    return samples[indices], f"the {len(indices):,} samples of the training and validation parts"
 
 
 def _train_estimator(experiment: Experiment, choice: Choice, samples: StaticDataset) -> Predictor:

@@ -1,4 +1,4 @@
-r"""Paired differences of two models on the same samples, with the rule for significance."""
+r"""Paired differences between two models on the same samples, with the rule for significance."""
 
 import math
 import statistics
@@ -14,34 +14,33 @@ from torch_geometric_tactile.experiments.predictions import Predictions
 
 
 class Signs(NamedTuple):
-    r"""Numbers of differences above and below zero."""
+    r"""The numbers of differences above and below zero."""
 
     above: int
     below: int
 
 
 class Difference(NamedTuple):
-    r"""The score of one model minus that of another on the same splits, with its errors and the
-    rule for significance.
+    r"""The score of one model minus the score of another on the same splits, with standard errors
+    and the rule for significance.
 
     Args:
         mean (float): The mean over the splits.
-        over_splits (float): Its standard error over the splits, corrected for overlapping training
-            sets; NaN for fewer than two splits.
-        over_units (float): Its standard error over the units: trials, or persons, sessions or
-            samples, whichever are new in a test part. All samples of a unit count as one
-            observation.
+        over_splits (float): The standard error over the splits, corrected for overlapping training
+            sets. NaN for fewer than two splits.
+        over_units (float): The standard error over the units that are new in a test part: trials,
+            persons, sessions or samples. All samples of a unit count as one observation.
         num_splits (int): Number of splits. Seeds with the same test part (given parts, or one
-            object left out) add no samples, and count as a single split with their mean.
+            held-out object) add no samples. They count as a single split with their mean.
         num_units (int): Number of units.
         unit (str): Name of a unit.
         has_one_test_part (bool): Whether all splits have the same test part, as given parts do.
             Units and seeds then decide.
         splits (Signs): Splits with a difference above and below zero.
         units (Signs): Units with a difference above and below zero.
-        over_seeds (float): With a single test part, the standard error of the mean over the seeds;
-            NaN for fewer than two.
-        num_seeds (int): Number of seeds of a single test part, otherwise 1.
+        over_seeds (float): With a single test part, the standard error of the mean over the seeds.
+            NaN for fewer than two seeds.
+        num_seeds (int): Number of seeds with a single test part, otherwise 1.
 
     Examples:
         >>> two, five = (Difference(2.8, 0.1, 0.9, n, 600) for n in (2, 5))
@@ -63,7 +62,7 @@ class Difference(NamedTuple):
 
     @property
     def error(self) -> float:
-        r"""The larger of both standard errors; NaN if neither is finite. The error over units
+        r"""The larger of the two standard errors; NaN if neither is finite. The error over units
         includes the error over the seeds of a single test part.
         """
         errors = [e for e in (self.over_splits, self._over_test_part) if math.isfinite(e)]
@@ -76,9 +75,9 @@ class Difference(NamedTuple):
 
     @property
     def margin(self) -> float:
-        r"""The largest distance of the mean from zero that chance explains: the larger product of a
-        standard error and Student's :math:`t` (two-sided, 5 %) for its number of splits or units;
-        NaN for fewer than three.
+        r"""The largest distance of the mean from zero that chance explains. This is the standard
+        error times Student's :math:`t` (two-sided, 5 %) for the number of splits or units,
+        whichever product is larger. NaN for fewer than three splits or units.
         """
         pairs = [(self._over_test_part, self.num_units)]
         if not self.has_one_test_part:
@@ -89,7 +88,7 @@ class Difference(NamedTuple):
 
     @property
     def is_beyond_noise(self) -> bool:
-        r"""Whether the mean is further from zero than :obj:`margin`; false if that is NaN."""
+        r"""Whether the mean is further from zero than :obj:`margin`. False if the margin is NaN."""
         return abs(self.mean) > self.margin
 
     @property
@@ -101,9 +100,9 @@ class Difference(NamedTuple):
         return "beyond the noise" if self.is_beyond_noise else "within the noise"
 
     def is_proved_by(self, num_folds: int) -> bool:
-        r"""Estimates whether a larger number of folds would make the difference significant. The
-        estimate assumes that the folds vary like these splits. The difference must be significant
-        over the units already.
+        r"""Returns an estimate of whether more folds would make the difference significant. The
+        estimate assumes that the folds vary like these splits, and requires that the difference is
+        already significant over the units.
 
         Args:
             num_folds (int): Number of folds.
@@ -127,21 +126,21 @@ def paired_difference(
     overlap: float = 0.0,
     unit: str | None = None,
 ) -> Difference:
-    r"""Returns the difference of two models on the same samples.
+    r"""Returns the difference between two models on the same samples.
 
     The variance of the mean over :math:`J` splits is :math:`(1 / J + o) \, s^2` with the
     variance :math:`s^2` of single splits and the :obj:`overlap` :math:`o`, as in `"Inference for
     the Generalization Error" <https://doi.org/10.1023/A:1024068626366>`_ (Nadeau and Bengio, 2003).
 
     Args:
-        first (sequence of Predictions): Predictions of one model, split by split. All samples of a
-            :obj:`trial` count as one observation; without trials, each sample does.
+        first (sequence of Predictions): Predictions of one model for each split. All samples of a
+            :obj:`trial` count as one observation. Without trials, each sample is one observation.
         second (sequence of Predictions): Predictions of the other model on the same splits.
         metric (str): :obj:`"accuracy"`, :obj:`"balanced_accuracy"` or :obj:`"mae"`.
-        overlap (float): Ratio of test samples to training samples, if the splits are drawn from the
+        overlap (float): Ratio of test samples to training samples if the splits are drawn from the
             same samples, so that their training parts overlap.
-        unit (str, optional): Name of the units in :obj:`trial` of the predictions, if they are not
-            trials.
+        unit (str, optional): Name of the units in the attribute :obj:`trial` of the predictions, if
+            they are not trials.
 
     Raises:
         ValueError: If the samples are not the same.
@@ -150,7 +149,7 @@ def paired_difference(
     by_part: dict[bytes | int, list[float]] = {}
     for i, (a, b) in enumerate(zip(first, second, strict=True)):
         if not np.array_equal(a.y, b.y):
-            raise ValueError("'second' must be of the same samples as 'first' (got other labels)")
+            raise ValueError("'second' must have the same samples as 'first' (got other labels)")
         gains.append(
             sample_scores(a.y, a.prediction, metric) - sample_scores(b.y, b.prediction, metric)
         )
@@ -190,16 +189,16 @@ def run_difference(
     unit: str | None = None,
     with_units: Callable[[Predictions], Predictions] = lambda predictions: predictions,
 ) -> Difference | None:
-    r"""Returns the difference of two models on the splits that are finished for both, or
-    :obj:`None` if there are none.
+    r"""Returns the difference between two models on the splits that are finished for both, or
+    :obj:`None` if there are no such splits.
 
     Args:
         run (PlanRun): The run of a plan.
-        first (str): Name of one experiment.
-        second (str): Name of the experiment that is subtracted.
+        first (str): Name of the first experiment.
+        second (str): Name of the experiment whose score is subtracted.
         protocol (str): Name of the protocol in the table.
-        metric (str): As of :func:`paired_difference`.
-        unit (str, optional): As of :func:`paired_difference`.
+        metric (str): As in :func:`paired_difference`.
+        unit (str, optional): As in :func:`paired_difference`.
         with_units (callable): Returns predictions whose :obj:`trial` is the unit of each sample.
     """
     by_split: dict[tuple[int, int], dict[str, dict[str, Any]]] = {}
@@ -222,8 +221,8 @@ def run_difference(
 def _unit_statistics(
     mean: float, gains: Sequence[np.ndarray], units: Sequence[np.ndarray]
 ) -> tuple[float, int, Signs]:
-    # Returns the standard error of the mean over splits, where the contribution of a unit is one
-    # observation, the number of units, and the signs of their gains.
+    # Returns the standard error of the mean over splits (the contribution of a unit is one
+    # observation), the number of units, and the signs of their gains.
     names, unit_index = np.unique(np.concatenate(units), return_inverse=True)
     unit_index = unit_index.reshape(-1)
     signs = _count_signs(np.bincount(unit_index, np.concatenate(gains), minlength=len(names)))

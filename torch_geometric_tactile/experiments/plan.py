@@ -1,4 +1,4 @@
-r"""Plans, which are tables resolved into their experiments, and their runs."""
+r"""Plans (tables that are resolved into experiments) and their runs."""
 
 import json
 import warnings
@@ -21,11 +21,11 @@ class Settings:
     r"""Settings of the experiments of a table.
 
     Args:
-        seeds (int, optional): Number of runs of each experiment, with the seeds 0, 1, ... of split
-            and training; the number of the table if left out.
-        epochs (int, optional): Epochs, instead of those of the configurations.
+        seeds (int, optional): Number of runs of each experiment. Their seeds 0, 1, ... determine
+            split and training. Defaults to the number in the table.
+        epochs (int, optional): Number of epochs. Defaults to the numbers in the configurations.
         folds (int, optional): Number of folds, for all protocols of the table with folds.
-        protocols (tuple of str, optional): Names of the protocols to run; all if left out.
+        protocols (tuple of str, optional): Names of the protocols to run. Defaults to all.
         accelerator (str): :obj:`"cpu"` or :obj:`"gpu"`.
         threads (int): Threads of each run.
 
@@ -54,16 +54,16 @@ class Settings:
 
 @dataclass(frozen=True)
 class Plan:
-    r"""A table resolved into its experiments.
+    r"""A table that is resolved into its experiments.
 
     Args:
         table (Table): The table.
-        protocols (tuple of TableProtocol): The protocols of the table that are run.
+        protocols (tuple of TableProtocol): The protocols of the table to run.
         seeds (int): Number of runs of each experiment.
         data (DataSource): The samples, with fingerprint and caption.
         facts (DataFacts): Facts about the samples.
-        experiments (tuple of Experiment): All experiments, seed by seed, so that an interrupted run
-            has results of every model.
+        experiments (tuple of Experiment): All experiments, ordered by seed, so that an interrupted
+            run has results for every model.
     """
 
     table: Table
@@ -75,25 +75,26 @@ class Plan:
 
     @cached_property
     def shared(self) -> tuple[str, ...]:
-        r"""Sentences on samples that are in several parts of a split, and make scores too high:
-        trials of given parts, and copies of recordings. Usually empty.
+        r"""Warnings about samples that are in several parts of a split and make scores too high:
+        shared trials of given parts, and copies of recordings. Usually empty.
         """
         sentences: dict[str, None] = {}
         drafts = {e.protocol_name: e for e in reversed(self.experiments)}
         for name, draft in drafts.items():
             dataset, protocol = draft.data.load(), draft.protocol
             if protocol.by == "frame" and dataset.column("trial") is not None:
-                continue  # splits by frame put the frames of a trial into several parts on purpose
+                continue  # splits by frame deliberately put frames of a trial into several parts
             splits = {(e.seed, e.fold) for e in self.experiments if e.protocol_name == name}
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of classes with few units: the plan warned before
+                warnings.simplefilter("ignore")  # on classes with few units: the plan has warned
                 parts = [protocol.split(dataset, seed, fold) for seed, fold in sorted(splits)]
             shared = describe_shared(dataset, parts, with_units=protocol.by == "given")
             sentences.update(dict.fromkeys(shared))
         return tuple(sentences)
 
     def cell_experiment(self, cell: Cell) -> Experiment:
-        r"""Returns the first experiment of a cell, for properties that all its experiments share.
+        r"""Returns the first experiment of a cell. Use it for properties that all experiments of
+        the cell share.
 
         Args:
             cell (Cell): The cell.
@@ -107,8 +108,8 @@ class PlanRun(NamedTuple):
     Args:
         plan (Plan): The plan.
         results (list of tuple): The finished experiments with their results.
-        kept (int): Number of finished experiments that were stored before.
-        failed (dict): The error message of each failed experiment, by its label.
+        kept (int): Number of finished experiments from earlier runs.
+        failed (dict): The error message of each failed experiment by its label.
         missing (int): Number of experiments without a result.
     """
 
@@ -134,21 +135,21 @@ def make_plan(
     data: Mapping[str, Any] | None = None,
     selection: Mapping[str, Any] | None = None,
 ) -> Plan:
-    r"""Resolves a table: loads its data, which is downloaded and processed if necessary, and lists
-    its experiments.
+    r"""Returns the plan of a table. Loads the data of the table (and downloads and processes it if
+    necessary), and lists the experiments.
 
     Args:
         table (Table): The table.
         settings (Settings, optional): Settings of the experiments.
-        data (Mapping, optional): Arguments of the data set, such as :obj:`root`, which replace
-            those of the table.
+        data (Mapping, optional): Arguments of the data set, such as :obj:`root`. They replace
+            arguments in the table.
         selection (Mapping, optional): Arguments of the data set that only select samples, such as
             :obj:`stride`; see :class:`DataSource`.
 
     Raises:
         FileNotFoundError: If there is no data or no configuration.
-        ValueError: If an argument is invalid, the samples cannot be split by a protocol of the
-            table, or its models are for fewer classes.
+        ValueError: If an argument is invalid, if a protocol of the table cannot split the samples,
+            or if the models have fewer classes than the data.
     """
     settings = settings or Settings()
     protocols = table.select_protocols(settings.protocols, settings.folds)
@@ -167,10 +168,10 @@ def list_experiments(
 
     Args:
         table (Table): The table.
-        protocols (tuple of TableProtocol): The protocols that are run.
+        protocols (tuple of TableProtocol): The protocols to run.
         settings (Settings): Settings of the experiments.
         data (DataSource): The resolved source.
-        facts (DataFacts): Its facts.
+        facts (DataFacts): The facts of the source.
     """
     models = {cell.experiment: _model_arguments(cell, settings, table) for cell in table.cells}
     resolved: dict[str, DataSource] = {}
@@ -193,7 +194,7 @@ def list_experiments(
             )
     _check_classes(table, drafts.values(), data, facts)
     seeds, first_name = settings.seeds or table.seeds, table.cells[0].experiment
-    num_folds = {  # resolving here raises errors of splits before anything is trained
+    num_folds = {  # invalid splits must raise an error before anything is trained
         name: drafts[first_name, name].data.resolve(protocol)[1].num_folds
         for name, protocol in ((entry.name, entry.protocol) for entry in protocols)
     }
@@ -248,6 +249,6 @@ def _check_classes(table: Table, drafts: Any, source: DataSource, facts: DataFac
         num_classes = draft.model.get("num_classes")
         if num_classes is not None and facts.num_classes > num_classes:
             raise ValueError(
-                f"the models of {table.name} tell {num_classes} classes apart (got "
+                f"the models of {table.name} distinguish {num_classes} classes (got "
                 f"{facts.num_classes} in '{source.arguments.get('root') or source.class_path}')"
             )

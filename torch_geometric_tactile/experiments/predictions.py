@@ -16,9 +16,9 @@ class Predictions:
     r"""Predictions for :math:`S` samples with their true values.
 
     Shapes:
-        - **score:** Probabilities of :math:`C` classes or labels :math:`(S, C)`; or one
-          number a sample :math:`(S,)`, higher where class 1 of two is expected.
-        - **prediction:** The predicted class :math:`(S,)`, or 0 and 1 for each label
+        - **score:** Probabilities of :math:`C` classes or labels :math:`(S, C)`; or one number per
+          sample :math:`(S,)`, which is higher if class 1 of two is expected.
+        - **prediction:** The predicted class :math:`(S,)`, or 0 or 1 for each label
           :math:`(S, C)`.
         - **y:** The classes :math:`(S,)` or labels :math:`(S, C)`.
         - **session:** The recording session of each sample :math:`(S,)`.
@@ -35,10 +35,10 @@ class Predictions:
     index: np.ndarray | None = None
 
     def select(self, mask: np.ndarray) -> Self:
-        r"""Returns the predictions for a part of the samples.
+        r"""Returns the predictions for selected samples.
 
         Shapes:
-            - **mask:** True for the samples to keep :math:`(S,)`.
+            - **mask:** True for the selected samples :math:`(S,)`.
         """
         return type(self)(**{name: value[mask] for name, value in self._arrays().items()})
 
@@ -51,8 +51,8 @@ class Predictions:
     def metrics(self) -> dict[str, float]:
         r"""Returns :obj:`accuracy`, :obj:`f1` and :obj:`auroc` as defined by
         :func:`~torch_geometric_tactile.training.classification_metrics`. Labels also have
-        :obj:`label_accuracy`; two classes also have :obj:`f1_positive`, :obj:`precision_positive`
-        and :obj:`recall_positive`, the F1 score, precision and recall of class 1 (0 instead of a
+        :obj:`label_accuracy`. Two classes also have :obj:`f1_positive`, :obj:`precision_positive`
+        and :obj:`recall_positive`: the F1 score, precision and recall of class 1 (0 instead of a
         division by zero).
         """
         if self.y.ndim == 2:
@@ -90,7 +90,7 @@ class Predictions:
         return float(np.mean(areas))
 
     def to_dict(self) -> dict[str, Any]:
-        r"""Returns the predictions as JSON values, with compressed arrays of exact bits."""
+        r"""Returns the predictions as JSON values, with arrays compressed without loss."""
         return {
             name: {
                 "dtype": str(value.dtype),

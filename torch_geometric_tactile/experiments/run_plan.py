@@ -29,7 +29,7 @@ _logger = logging.getLogger(__name__)
 _NUM_PROBE_SAMPLES = 256
 _NUM_PROBE_TEST_SAMPLES = 8
 _PROBE_EPOCHS = 3
-_QUADRATIC_ESTIMATORS = ("rbf_svm", "signal_svm")  # time grows with the square of the samples
+_QUADRATIC_ESTIMATORS = ("rbf_svm", "signal_svm")  # time grows with the number of samples squared
 # Called after each run with its experiment, the number of ended runs, and the number of runs.
 OnProgress = Callable[[Experiment, int, int], None]
 
@@ -49,27 +49,29 @@ def run_plan(
 
     Each finished run is stored as a JSON file in :obj:`out/runs` and not repeated, so that an
     interrupted plan can be continued. Runs with other settings, recordings, versions or source code
-    of the user's classes are stored beside them and ignored. Runs of classes whose source code is
-    not in a file, such as those of a notebook, are not stored; a warning says so.
+    of the user's classes are stored in the same folder and ignored. If the source code of a class
+    is not in a file, as in a notebook, its runs are not stored and a warning is logged.
 
     Args:
         plan (Plan): The experiments.
         out (str or PathLike): Folder of the results.
-        jobs (int, optional): Number of parallel runs. If left out, that of
-            :func:`joblib.parallel_config`, or one. Its backend is used as well: machines of a Dask
-            cluster need this package, and the recordings under the same path.
-        only (sequence of str, optional): Patterns of names; other experiments are not trained.
+        jobs (int, optional): Number of parallel runs. Defaults to the number in
+            :func:`joblib.parallel_config`, or to one. The backend of :obj:`parallel_config` is used
+            as well: machines of a Dask cluster need this package, and the recordings under the same
+            path.
+        only (sequence of str, optional): Patterns of names. Experiments that match no pattern are
+            not trained.
         train (bool): If :obj:`False`, trains nothing and returns the stored results.
         on_progress (callable, optional): Called after each run with its experiment, the number of
             ended runs, and the number of runs.
-        on_estimate (callable, optional): Called before the first run with the estimated seconds of
-            all runs of a model, one after the other, by its name. Only experiments with a choice,
-            such as those of comparisons, are estimated, by short trainings. Quick models are then
-            run first.
-        on_model (callable, optional): Called with the runs of a model after the last of them.
+        on_estimate (callable, optional): Called before the first run with a dictionary that maps
+            the name of a model to the estimated total time of its runs in seconds, without
+            parallel runs. The time is estimated by short trainings, and only for experiments with a
+            choice, as in comparisons. Quick models are then run first.
+        on_model (callable, optional): Called with the runs of a model after its last run.
 
     Raises:
-        KeyboardInterrupt: On Ctrl-C; the message has the number of stored runs.
+        KeyboardInterrupt: On Ctrl-C. The message states the number of stored runs.
         OSError: If a process was killed, or a file cannot be written.
         ValueError: If a pattern matches no experiment, the file of a finished run is damaged, or
             :obj:`jobs` is below one.
@@ -77,7 +79,7 @@ def run_plan(
     selected_names = {cell.experiment for cell in plan.table.select(only)}
     experiments = plan.experiments
     store = RunStore(Path(out) / "runs")
-    # Two names may stand for one configuration, which is trained once.
+    # Two names may refer to the same configuration, which is trained only once.
     by_code = {experiment.code: experiment for experiment in experiments}
     for sentence in plan.shared if experiments else ():
         _logger.warning("%s", sentence)
@@ -123,7 +125,7 @@ def run_plan(
         ) from None
     except BrokenProcessPool as error:
         raise OSError(
-            "a process was killed, perhaps for lack of memory: run the same command with fewer "
+            "a process was killed, possibly for lack of memory: run the same command with fewer "
             "jobs (finished runs are kept)"
         ) from error
     finally:
@@ -141,19 +143,19 @@ def _warn_unknown_sources(experiments: Iterable[Experiment]) -> None:
     unknown = {name: reason for e in experiments for name, reason in e.sources.unknown.items()}
     for name, reason in unknown.items():
         _logger.warning(
-            "runs with '%s' are not stored, since its source code is unknown: %s", name, reason
+            "runs with '%s' are not stored, because its source code is unknown: %s", name, reason
         )
 
 
 def _can_store(experiment: Experiment) -> bool:
-    # Whether the source code is known and was not edited during the run.
+    # Returns whether the source code is known and was not edited during the run.
     if experiment.sources.unknown:
         return False
     if experiment.read_sources() == experiment.sources:
         return True
     _logger.warning(
-        "%s is not stored: its source code (%s) was edited during the run, which may have used the "
-        "old or the new code; run the same command again",
+        "%s is not stored: its source code (%s) was edited during the run, so that the run may "
+        "have used the old or the new code; run the same command again",
         experiment.label,
         ", ".join(experiment.sources.modules),
     )
@@ -161,8 +163,8 @@ def _can_store(experiment: Experiment) -> bool:
 
 
 def _estimate_seconds(todo: Sequence[Experiment]) -> dict[str, float]:
-    # Estimates the seconds that one process needs for all runs of each model. One experiment of a
-    # model is run on few samples, and its time is extrapolated. The test parts are not read.
+    # Estimates how many seconds one process needs for all runs of each model. One experiment of
+    # each model is run on few samples, and its time is extrapolated. The test parts are not read.
     num_runs = Counter(e.name for e in todo)
     threads = torch.get_num_threads()
     seconds: dict[str, float] = {}
@@ -176,7 +178,7 @@ def _estimate_seconds(todo: Sequence[Experiment]) -> dict[str, float]:
                 warm_kinds.add(experiment.is_estimator)
                 _estimate_run(experiment)
             seconds[experiment.name] = num_runs[experiment.name] * _estimate_run(experiment)
-        except Exception as error:  # of a user's model: its runs report the error
+        except Exception as error:  # raised by a user's model: its runs report the error
             _logger.debug("no estimate for '%s': %r", experiment.name, error)
         finally:
             torch.set_num_threads(threads)
@@ -213,7 +215,8 @@ def _estimate_run(experiment: Experiment) -> float:
     total_seconds, step_seconds = _measure_fit(
         probe, probe_samples, _evenly_spaced(parts.val, _NUM_PROBE_TEST_SAMPLES)
     )
-    # The time of steps grows with samples and epochs, the time around them with the trainings.
+    # The time of the steps grows with samples and epochs; the remaining time grows with the number
+    # of trainings.
     num_probe_lengths = (
         experiment.epochs
         * (num_selection_fits * len(parts.fit) + num_final_samples)
@@ -230,10 +233,10 @@ def _estimate_estimator_run(
     num_selection_samples: int,
     num_final_samples: int,
 ) -> float:
-    # Estimates the seconds from the samples of all fits to compare settings, and of all later fits.
+    # Estimates the seconds from the samples of all fits that compare settings, and of later fits.
     choice = experiment.choice
     assert choice is not None
-    last_setting = choice.settings[-1]  # the slowest of some models
+    last_setting = choice.settings[-1]  # the slowest setting of some models
     val = _evenly_spaced(parts.val, _NUM_PROBE_TEST_SAMPLES)
     final_experiment = experiment.with_setting(last_setting)
     seconds = _measure_fit(final_experiment, probe_samples, val)[0] * num_final_samples
@@ -254,7 +257,7 @@ def _measure_fit(
     train: SampleSet,
     test: SampleSet,
 ) -> tuple[float, float]:
-    # Returns the seconds in total, and of the training steps alone.
+    # Returns the total time and the time of the training steps alone, in seconds.
     start = time.perf_counter()
     step_seconds = fit(experiment, train, test).seconds
     return time.perf_counter() - start, step_seconds
@@ -267,8 +270,8 @@ def _evenly_spaced(part: SampleSet, num_samples: int) -> SampleSet:
 
 @contextmanager
 def _recorded_interrupt() -> Iterator[threading.Event]:
-    # Yields an event that Ctrl-C sets. Libraries may replace a KeyboardInterrupt by another error:
-    # NumPy's comparison of structured arrays raises TypeError.
+    # Yields an event that Ctrl-C sets. Libraries may replace a KeyboardInterrupt by another error;
+    # for example, NumPy's comparison of structured arrays raises TypeError.
     interrupted = threading.Event()
     previous_handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(previous_handler):

@@ -32,9 +32,9 @@ from torch_geometric_tactile.experiments._building import (
 from torch_geometric_tactile.transforms import Tare
 
 _SIMULATION = "simulation.json"
-_LOCATION_ARGUMENTS = ("root", "path")  # not in identities, which have a fingerprint of the files
-_VIEW_ARGUMENT = "dataset"  # the argument of a view, such as Trials, for its frames
-# Identities of stored runs contain these texts; with others, stored runs would not be found.
+_LOCATION_ARGUMENTS = ("root", "path")  # identities contain a fingerprint of the files instead
+_VIEW_ARGUMENT = "dataset"  # the argument of a view, such as Trials, that holds its frames
+# Identities of stored runs contain these texts: if the texts change, stored runs are not found.
 _TARED = "torch_geometric_tactile.experiments.compared_windows.tared_frames"
 _STRIDED = "torch_geometric_tactile.experiments.compared_windows.strided_frames"
 _MAX_CACHED_DATASETS = 4
@@ -42,30 +42,30 @@ _MAX_CACHED_DATASETS = 4
 
 @dataclass(frozen=True)
 class DataSource:
-    r"""A data set and a selection of its samples, as a value that any process can load.
+    r"""A description of a data set and of selected samples, which any process can load.
 
     Two sources with the same :meth:`identity` have the same samples. The identity contains the
     fingerprint of the files, not their location.
 
     Args:
         class_path (str): Import path of a :class:`~torch_geometric_tactile.data.StaticDataset`, of
-            a data set of PyG, whose samples may have different sensors, or of a function that
-            returns one.
-        arguments (dict): Its arguments. Objects among them, such as transforms, are mappings with
-            :obj:`class_path` and :obj:`init_args`.
+            a PyG data set (whose samples may come from different sensors), or of a function that
+            returns such a data set.
+        arguments (dict): Arguments of the class or function. Objects among them, such as
+            transforms, are mappings with :obj:`class_path` and :obj:`init_args`.
         selection (dict): Further arguments that only select samples.
         kind (str): :obj:`"ours"`, :obj:`"simulated"` or :obj:`"measured"`; set by :meth:`resolve`
             if left out.
-        caption (str): A sentence on the samples; set by :meth:`resolve` if left out.
+        caption (str): A sentence that describes the samples; set by :meth:`resolve` if left out.
         fingerprint (str): SHA-256 of the files or samples; set by :meth:`resolve`.
-        frames (DataSource, optional): The frames that a view, such as
-            :class:`~torch_geometric_tactile.data.Trials`, is cut from. A mapping with
-            :obj:`class_path` and :obj:`init_args` as the argument :obj:`dataset` is read as this.
+        frames (DataSource, optional): The frames from which a view, such as
+            :class:`~torch_geometric_tactile.data.Trials`, is cut. An argument :obj:`dataset` with
+            :obj:`class_path` and :obj:`init_args` is used as :obj:`frames`.
         stride (int, optional): Keeps every :obj:`stride`-th sample of each trial, for classes
-            without such an argument.
-        tare (dict, optional): :obj:`first` or :obj:`seconds` of
-            :class:`~torch_geometric_tactile.transforms.Tare`; subtracts the rest reading of each
-            trial from its frames.
+            without this argument.
+        tare (dict, optional): The argument :obj:`first` or :obj:`seconds` of
+            :class:`~torch_geometric_tactile.transforms.Tare`. The reading at rest of each trial is
+            then subtracted from its frames.
     """
 
     class_path: str
@@ -92,8 +92,8 @@ class DataSource:
     def with_arguments(
         self, arguments: Mapping[str, Any], selection: Mapping[str, Any] | None = None
     ) -> Self:
-        r"""Returns the source with changed or further arguments. Arguments that the class of a view
-        does not have, such as :obj:`root`, are passed on to its frames.
+        r"""Returns the source with changed or additional arguments. If the class of a view does not
+        have an argument, such as :obj:`root`, the argument is passed on to its frames.
         """
         if arguments:
             self = replace(self, fingerprint="")
@@ -117,7 +117,7 @@ class DataSource:
         return isinstance(constructor, type) and issubclass(constructor, FrameView)
 
     def resolve(self, protocol: Protocol | None = None) -> tuple[Self, "DataFacts"]:
-        r"""Loads the data set, checks that a protocol can split it, and returns the source with its
+        r"""Loads the data set and checks that a protocol can split it. Returns the source with its
         fingerprint, kind and caption, and the facts of the data set. Files are downloaded and
         processed here, before several processes read them.
 
@@ -142,8 +142,8 @@ class DataSource:
         return replace(source, kind=kind, caption=caption), facts
 
     def load(self) -> SampleSet:
-        r"""Returns the data set without :obj:`selection`. Each process caches the last four data
-        sets.
+        r"""Returns the data set without applying :obj:`selection`. Each process caches the last
+        four data sets.
         """
         dataset = _DATASETS.get(self._cache_key)
         dataset = self._build(self.arguments) if dataset is None else dataset
@@ -176,7 +176,7 @@ class DataSource:
         return dataset[self.is_selected(dataset).nonzero().view(-1)]
 
     def is_selected(self, dataset: SampleSet) -> Tensor:
-        r"""Returns for each sample of the data set whether it is selected :math:`(S,)`."""
+        r"""Returns a mask :math:`(S,)` of the selected samples of a data set."""
         if not self.selection:
             return torch.ones(len(dataset), dtype=torch.bool)
         is_stored = torch.zeros(dataset.len(), dtype=torch.bool)
@@ -184,8 +184,8 @@ class DataSource:
         return is_stored[torch.as_tensor(list(dataset.indices()))]
 
     def identity(self) -> dict[str, Any]:
-        r"""Returns everything that determines the samples, as plain data, without captions and the
-        location of files.
+        r"""Returns everything that determines the samples, as plain data. Captions and the location
+        of files are not included.
         """
         content = self._to_plain()
         return {
@@ -212,12 +212,12 @@ class DataSource:
 
     @property
     def _cache_key(self) -> "DataSource":
-        # The key of the cache: sources with other captions or selections share a loaded data set.
+        # Sources that differ only in their captions or selections share a loaded data set.
         return replace(self, selection={}, kind="", caption="")
 
     def _cache(self, dataset: SampleSet) -> None:
         key = self._cache_key
-        _DATASETS.pop(key, None)  # so that it becomes the latest
+        _DATASETS.pop(key, None)  # so that the data set becomes the latest entry
         _DATASETS[key] = dataset
         for oldest in list(_DATASETS)[:-_MAX_CACHED_DATASETS]:
             del _DATASETS[oldest]
@@ -233,7 +233,7 @@ class DataSource:
             samples = as_samples(dataset)
         except (TypeError, ValueError) as error:
             raise ValueError(
-                f"'class_path' must be a StaticDataset, or a data set of PyG (got "
+                f"'class_path' must be a StaticDataset or a PyG data set (got "
                 f"'{self.class_path}': {error})"
             ) from error
         if isinstance(samples, StaticData):
@@ -247,7 +247,7 @@ class DataSource:
         frames = arguments.get(_VIEW_ARGUMENT)
         need(
             not self.is_view or isinstance(frames, StaticDataset),
-            "windows and trials are cut from a StaticDataset of frames, of one layout",
+            "windows and trials can be cut only from a StaticDataset of frames with one layout",
             type(frames).__name__,
         )
         dataset = build_object({"class_path": self.class_path, "init_args": arguments})
@@ -256,7 +256,7 @@ class DataSource:
         return dataset if self.tare is None else _tare_trials(dataset, **self.tare)
 
 
-_DATASETS: dict[DataSource, SampleSet] = {}  # loaded by this process, the latest last
+_DATASETS: dict[DataSource, SampleSet] = {}  # loaded by this process; the latest is last
 
 
 def _select_every(samples: SampleSet, stride: int) -> SampleSet:
@@ -272,13 +272,13 @@ def _select_every(samples: SampleSet, stride: int) -> SampleSet:
 def _tare_trials(
     frames: StaticDataset, first: int | None = None, seconds: float | None = None
 ) -> StaticDataset:
-    r"""Returns a data set that subtracts from each frame the rest reading of its trial. Other
-    trials do not influence this reading.
+    r"""Returns a data set that subtracts the reading at rest of each trial from its frames. Other
+    trials have no influence.
 
     Args:
         frames (StaticDataset): The frames.
-        first (int, optional): As of :class:`~torch_geometric_tactile.transforms.Tare`.
-        seconds (float, optional): As of :class:`~torch_geometric_tactile.transforms.Tare`.
+        first (int, optional): As in :class:`~torch_geometric_tactile.transforms.Tare`.
+        seconds (float, optional): As in :class:`~torch_geometric_tactile.transforms.Tare`.
     """
     tare = Tare("trial", first=first, seconds=seconds).fit(frames, frames.transform)
     tared = copy.copy(frames)
@@ -292,14 +292,15 @@ class DataFacts:
 
     Args:
         num_samples (int): Number of selected samples.
-        num_trials (int): Number of trials, 0 without trials.
-        num_groups (int): Number of groups, 0 without groups.
-        num_classes (int): Number of classes, 0 for a single number as target.
+        num_trials (int): Number of trials; 0 without trials.
+        num_groups (int): Number of groups; 0 without groups.
+        num_classes (int): Number of classes; 0 if the target is a single number.
         class_names (tuple of str): Names of the classes.
         session_names (tuple of str): Names of the sessions.
-        num_frames (int, optional): Number of frames in a sample; :obj:`None` for single frames.
+        num_frames (int, optional): Number of frames per sample; :obj:`None` for single frames.
         num_folds (int): Number of folds of the protocol.
-        part (str, optional): The part of the data set, such as :obj:`"train"`; :obj:`None` for all.
+        part (str, optional): The part of the data set, such as :obj:`"train"`; :obj:`None` for all
+            samples.
     """
 
     num_samples: int
@@ -314,7 +315,7 @@ class DataFacts:
 
     @classmethod
     def from_dataset(cls, dataset: SampleSet) -> Self:
-        r"""Returns the facts of a data set, whose samples are all selected."""
+        r"""Returns the facts of a data set with all samples selected."""
         counts = [_count_unique(dataset.column(key)) for key in ("trial", "group")]
         frames = None if isinstance(dataset, GraphSamples) else dataset.column("num_frames")
         return cls(
@@ -330,7 +331,7 @@ class DataFacts:
 
     @property
     def part_note(self) -> str:
-        r"""The part of the data set in words, for captions; empty for all samples."""
+        r"""The part of the data set in words, for captions. Empty for all samples."""
         return "" if self.part is None else f" (the part '{self.part}' of the data set)"
 
 
@@ -351,7 +352,7 @@ def _is_scalar_target(y: Tensor | None) -> bool:
 def _caption(dataset: SampleSet, kind: str, facts: DataFacts) -> str:
     size = f"{facts.num_trials} trials" if facts.num_trials else f"{len(dataset):,} samples"
     if kind != "simulated":
-        return f"Recordings of your own: {size}."
+        return f"Your own recordings: {size}."
     root = Path(innermost(dataset).root)
     summaries = [
         path for path in (root / _SIMULATION, root / "raw" / _SIMULATION) if path.is_file()
@@ -385,7 +386,7 @@ def _simulation_settings(simulation: Mapping[str, Any]) -> str:
         )
     success_rates = (
         f"{name} {counts['grasps']}, of which {100 * counts['successes'] / counts['grasps']:.1f} % "
-        "are a success"
+        "are successful"
         for name, counts in simulation["objects"].items()
     )
     return f"{'; '.join(success_rates)}; seed {simulation['seed']}, {simulator}"
@@ -423,7 +424,7 @@ def _add_tensors(digest: Any, attributes: Mapping[str, Any]) -> None:
 
 
 def _data_files(dataset: StaticDataset) -> list[Path]:
-    # The raw files or, where these were deleted, the processed file. Data in memory has no files.
+    # The raw files or, if they were deleted, the processed file. Data in memory has no files.
     if not dataset.has_process:
         return []
     raw_paths = [Path(name) for name in dataset.raw_paths]
@@ -435,4 +436,4 @@ def _data_files(dataset: StaticDataset) -> list[Path]:
 
 @lru_cache(maxsize=10_000)
 def _sha256(path: Path, size: int, mtime_ns: int) -> str:
-    return file_sha256(path)  # cached, since several sources read the files of one folder
+    return file_sha256(path)  # cached, because several sources may read the files of one folder

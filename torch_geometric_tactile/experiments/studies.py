@@ -1,4 +1,4 @@
-r"""Studies: measurements on a trained model of a table, other than its scores."""
+r"""Studies: measurements on a trained model of a table beyond its scores."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    r"""A trained model with its transformed samples.
+    r"""A trained model and its transformed samples.
 
     Args:
         model (torch.nn.Module or sklearn.base.BaseEstimator): The model, in evaluation mode.
@@ -58,10 +58,11 @@ class Trained:
 
 
 class Study:
-    r"""The base class of studies, which measure more than the scores of a model. Each run has a new
-    study object; its result is stored with the run.
+    r"""The base class of studies, which measure more than the scores of a model. Each run creates a
+    new study object, and the result of the study is stored with the run.
 
-    A subclass defines :meth:`measure`, and :meth:`callback` if it observes the training.
+    A subclass defines :meth:`measure`. If it observes the training, it also defines
+    :meth:`callback`.
     """
 
     def callback(self, data: Any) -> "L.Callback | None":
@@ -83,7 +84,9 @@ class Study:
 
 
 class Confusion(Study):
-    r"""Requests a confusion matrix, which the report draws from the predictions for all folds."""
+    r"""A study that adds a confusion matrix to the report. The matrix is computed from the
+    predictions for all folds.
+    """
 
     def measure(self, trained: Trained) -> dict[str, Any]:
         r"""Returns the class names."""

@@ -1,4 +1,4 @@
-r"""Tables: models with their data, protocols and published numbers."""
+r"""Tables of models with their data, protocols and published numbers."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -27,29 +27,30 @@ class Cell:
     r"""One cell of a table: a model with its configuration and published numbers.
 
     Args:
-        row (str): Name of the row, the model.
+        row (str): Name of the row: the model.
         column (str): Name of the column, such as the inputs of the model.
         experiment (str): Name of the experiment.
         section (str): The section of the table, such as :obj:`"with joint angles"`; may be empty.
-        config (str or dict, optional): The configuration: the name of a built-in one, a file, or
-            its contents.
+        config (str or dict, optional): The configuration: the name of a built-in configuration, a
+            file, or its contents.
         estimator (dict, optional): A scikit-learn classifier as :obj:`{"class_path",
             "init_args"}`, instead of :obj:`config`.
-        transform (dict, optional): The transform of all batches, instead of the one in the
+        transform (dict, optional): The transform of all batches. It replaces the transform in the
             configuration.
         data (dict): Arguments of the data set for this cell only.
-        choice (Choice, optional): The selection of settings on validation parts; none if left out.
-        published (dict): Numbers of the paper: :obj:`accuracy` in percent and its :obj:`spread` or,
-            over draws of test samples, its :obj:`variance` in squared percent, :obj:`f1` of class 1
-            in percent, :obj:`auc`, :obj:`memory` in MB, and :obj:`milliseconds` of a frame.
-        threshold (str, optional): As of
+        choice (Choice, optional): The selection of settings on validation parts. By default,
+            nothing is selected.
+        published (dict): Numbers from the paper: :obj:`accuracy` in percent and its :obj:`spread`
+            or, over draws of test samples, its :obj:`variance` in squared percent; :obj:`f1` of
+            class 1 in percent; :obj:`auc`; :obj:`memory` in MB; and :obj:`milliseconds` per frame.
+        threshold (str, optional): As in
             :class:`~torch_geometric_tactile.experiments._experiment.Experiment`.
         layers (dict): Published accuracies of single layers in percent.
-        studies (list of dict): Studies of the model of the first seed and fold, as of
+        studies (list of dict): Studies of the model with the first seed and fold, as in
             :class:`~torch_geometric_tactile.experiments._experiment.Experiment`.
 
     Raises:
-        ValueError: If there is not exactly one of :obj:`config` and :obj:`estimator`, or
+        ValueError: If not exactly one of :obj:`config` and :obj:`estimator` is given, or
             :obj:`threshold` is unknown.
     """
 
@@ -81,17 +82,17 @@ class Cell:
 
     @cached_property
     def configuration(self) -> dict[str, Any]:
-        r"""The contents of :obj:`config`, which is loaded if it is a name or file."""
+        r"""The contents of :obj:`config`, which is loaded if it is a name or a file."""
         return self.config if isinstance(self.config, dict) else load_config(str(self.config))
 
 
 @dataclass(frozen=True)
 class Ordering:
-    r"""A statement of a paper, or a question, that some models are better than others.
+    r"""A claim of a paper, or a hypothesis, that some models are better than others.
 
     Args:
         name (str): The ordering in words, such as :obj:`"GCN above LSTM"`.
-        pairs (tuple of tuple): Pairs of experiments, the better one first.
+        pairs (tuple of tuple): Pairs of experiments, with the better one first.
 
     Raises:
         ValueError: If there is no pair.
@@ -107,13 +108,13 @@ class Ordering:
 
 @dataclass(frozen=True)
 class TableProtocol:
-    r"""A protocol of a table, by which its data is split.
+    r"""A protocol that splits the data of a table.
 
     Args:
         name (str): Name of the protocol in the table, such as :obj:`"by trial"`.
         protocol (Protocol): The splits.
         data (dict): Arguments of the data set for this protocol only.
-        note (str): A sentence on the meaning of its scores; may be empty.
+        note (str): A sentence that explains the meaning of the scores; may be empty.
     """
 
     name: str
@@ -126,7 +127,7 @@ class TableProtocol:
         unchanged.
 
         Args:
-            folds (int, optional): The number of folds; unchanged if :obj:`None`.
+            folds (int, optional): The number of folds. If :obj:`None`, the number is unchanged.
         """
         if folds is None or self.protocol.folds is None:
             return self
@@ -135,7 +136,7 @@ class TableProtocol:
 
 @dataclass(frozen=True)
 class Table:
-    r"""A table of a paper, or of a user.
+    r"""A table from a paper, or a table defined by a user.
 
     Args:
         name (str): Name of the table and of its files.
@@ -143,29 +144,29 @@ class Table:
         data (DataSource): The samples.
         protocols (tuple of TableProtocol): The protocols, in order.
         cells (tuple of Cell): The cells, row by row.
-        paper (str): Title of the paper; empty for a table of a user.
+        paper (str): Title of the paper; empty for a table defined by a user.
         place (str): The place in the paper, such as the number of the table.
         task (str): :obj:`"multiclass"`, :obj:`"multilabel"` or :obj:`"regression"`.
-        shows (str): The shown number, :obj:`"accuracy"` or :obj:`"memory"`.
+        shows (str): The number shown, :obj:`"accuracy"` or :obj:`"memory"`.
         seeds (int): Default number of runs of each experiment.
-        measure_memory (bool): If :obj:`True`, each run has a separate process, whose memory is
+        measure_memory (bool): If :obj:`True`, each run has a separate process whose memory is
             measured. This is slow for hundreds of small models.
-        paper_protocol (str): Name of the protocol of the paper, if the paper states it.
+        paper_protocol (str): Name of the protocol used in the paper, if the paper states it.
         positive (str): For two classes, the name of class 1. Its precision, recall and F1 score are
             then shown.
-        axis (str): Name of the quantity in the columns, if they are numbers. The figure then has a
+        axis (str): If the columns are numbers, the name of their quantity. The figure then has a
             line for each row.
-        orderings (tuple of Ordering): Statements to check in the results.
+        orderings (tuple of Ordering): Claims to check against the results.
         measured_on (str): The hardware of the published numbers.
         recordings (str): Availability of the published recordings: :obj:`"private"`,
             :obj:`"public"` or :obj:`"unavailable"`.
-        see_also (str): A sentence on related results; may be empty.
-        draws (Draws, optional): Draws of test samples, over which accuracies are shown.
+        see_also (str): A sentence that points to related results; may be empty.
+        draws (Draws, optional): Random draws of test samples over which accuracies are averaged.
 
     Raises:
-        ValueError: If there is no protocol or no cell, two have the same name, an ordering names an
-            unknown experiment, columns along an axis are not numbers, or :obj:`see_also` is not a
-            text.
+        ValueError: If there are no protocols or no cells, if names are not unique, if an ordering
+            names an unknown experiment, if columns along an axis are not numbers, or if
+            :obj:`see_also` is not a text.
     """
 
     name: str
@@ -206,8 +207,8 @@ class Table:
                 float(cell.column)
             except ValueError:
                 raise ValueError(
-                    f"the columns of table '{self.name}' must be numbers, as 'axis' is given (got "
-                    f"'{cell.column}')"
+                    f"the columns of table '{self.name}' must be numbers, because 'axis' is given "
+                    f"(got '{cell.column}')"
                 ) from None
         need(
             self.shows in _SHOWN_METRICS,
@@ -225,12 +226,12 @@ class Table:
 
     @property
     def sections(self) -> list[str]:
-        r"""Names of the sections, in order."""
+        r"""The names of the sections, in order."""
         return list(dict.fromkeys(cell.section for cell in self.cells))
 
     @property
     def rows(self) -> list[str]:
-        r"""Names of the rows, in order."""
+        r"""The names of the rows, in order."""
         return list(dict.fromkeys(cell.row for cell in self.cells))
 
     @property
@@ -253,8 +254,8 @@ class Table:
         r"""Returns the cells whose experiment name matches one of several patterns.
 
         Args:
-            patterns (iterable of str, optional): Patterns such as :obj:`"gcn_*_joint"`. All cells
-                if left out.
+            patterns (iterable of str, optional): Patterns such as :obj:`"gcn_*_joint"`. By default,
+                all cells are returned.
 
         Raises:
             ValueError: If a pattern matches no name; the message lists the names.
@@ -267,7 +268,7 @@ class Table:
                 names = ", ".join(cell.experiment for cell in self.cells)
                 raise ArgumentError(
                     Argument("only"),
-                    f" must fit the name of an experiment of {self.name}: {names} "
+                    f" must match the name of an experiment of {self.name}: {names} "
                     f"(got '{pattern}')",
                 )
         return tuple(
@@ -279,11 +280,11 @@ class Table:
     def select_protocols(
         self, names: Iterable[str] | None, folds: int | None = None
     ) -> tuple[TableProtocol, ...]:
-        r"""Returns some of the protocols, in the order of the table.
+        r"""Returns the protocols with the given names, in the order of the table.
 
         Args:
             names (iterable of str, optional): Names of the protocols; a leading :obj:`"by"` may be
-                left out. All protocols if left out.
+                omitted. By default, all protocols are returned.
             folds (int, optional): Number of folds, for the protocols with folds.
 
         Raises:
@@ -305,11 +306,11 @@ def read_table(path: PathLike) -> Table:
     r"""Reads a table from a file.
 
     Args:
-        path (str or os.PathLike): A YAML file. Paths of configurations in it are relative to its
-            folder.
+        path (str or os.PathLike): A YAML file. Paths of configurations in the file are relative to
+            its folder.
 
     Raises:
-        ValueError: If the file does not have the format of the page on experiments.
+        ValueError: If the file does not have the format described in ``docs/experiments.md``.
     """
     content = read_yaml(Path(path))
     if not isinstance(content, Mapping):
@@ -326,10 +327,10 @@ def table_of(name: str, content: Mapping[str, Any], folder: PathLike = "") -> Ta
     Args:
         name (str): Name of the table.
         content (Mapping): The content of a YAML file.
-        folder (str or os.PathLike): The folder that paths of configurations are relative to.
+        folder (str or os.PathLike): The folder to which paths of configurations are relative.
 
     Raises:
-        ValueError: If the content does not have the format of the page on experiments.
+        ValueError: If the content does not have the format described in ``docs/experiments.md``.
     """
     entries = dict(content)
     try:
@@ -370,7 +371,7 @@ def _parse_ordering(content: Any) -> Ordering:
     ]
     need(
         all(is_pair) and {*content} == {"name", "pairs"},
-        "an entry of 'orderings' must have a 'name' and 'pairs' of experiments, the better one "
+        "an entry of 'orderings' must have a 'name' and 'pairs' of experiments with the better one "
         "first, such as {name: GCN above SVM, pairs: [[GCN, SVM]]}",
         short_repr(content),
     )

@@ -13,11 +13,11 @@ _FIELD = re.compile(r"\s*(?P<names>[^\[\]]+?)\s*(?:\[(?P<order>[^\[\]]*)\])?\s*"
 
 @dataclass(frozen=True)
 class StoredArray:
-    r"""The name of an array in a file, or its three names, and the order of its axes.
+    r"""The name of an array in a file (or its three names), and the order of its axes.
 
     Args:
-        names (tuple of str): One name, or those of the left, middle and right finger.
-        order (str, optional): The order of the axes. It is :obj:`None` for the default order.
+        names (tuple of str): One name, or the names for the left, middle and right finger.
+        order (str, optional): The order of the axes. :obj:`None` is the default order.
     """
 
     names: tuple[str, ...]

@@ -1,5 +1,5 @@
-r"""Readers of the CSV files of the BioTac SP stability set, with one grasp per row, and of BioTac
-SP DoS (directions of slip), with one sequence per file.
+r"""Readers of two sets of CSV files: the BioTac SP stability set with one grasp per row, and BioTac
+SP DoS (directions of slip) with one sequence per file.
 """
 
 from typing import NamedTuple
@@ -31,9 +31,9 @@ _SLIP_FRAME_RATE = 100.0  # frames per second
 class GraspTable(NamedTuple):
     r"""The grasps of one file of the BioTac SP stability set.
 
-    :obj:`reading` are counts :math:`(S, 24, 3)` (electrode, then index finger, middle finger,
+    :obj:`reading` holds counts :math:`(S, 24, 3)` (electrode, then index finger, middle finger,
     thumb), :obj:`slipped` is 1 if the object slipped :math:`(S,)`, and :obj:`object_names` holds
-    the name of the object of each grasp.
+    the object of each grasp.
 
     Examples:
         >>> table = GraspTable(np.zeros((2, 24, 3)), np.array([0, 1]), ["cup", "can"])
@@ -51,7 +51,7 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
     <https://github.com/3dperceptionlab/biotacsp-stability-set-v2>`_.
 
     Args:
-        path (str or PathLike): The file; its columns may be in any order.
+        path (str or PathLike): The file. Its columns may be in any order.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -70,7 +70,7 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
         >>> table.reading.shape, table.slipped.tolist(), table.object_names
         ((1, 24, 3), [1], ['cup'])
     """
-    path = existing_file(path, "put the file of the BioTac SP stability set there")
+    path = existing_file(path, "put the file from the BioTac SP stability set there")
     text_columns, numeric_columns = _GRASP_COLUMNS[:2], _GRASP_COLUMNS[1:]
     numbers, cells = csv_columns(
         path, csv_rows(path), numeric_columns, text_columns, row_noun="grasp"
@@ -91,11 +91,13 @@ def read_biotac_sp_csv(path: PathLike) -> GraspTable:
 
 
 def read_biotac_sp_dos_csv(path: PathLike) -> Recording:
-    r"""Reads one file of `BioTac SP DoS <https://github.com/yayaneath/BioTacSP-DoS>`_: a header
-    ``ff_e1,...,ff_e24``, in any order, and a line of counts for each frame. The files hold no
-    times; frames are taken as 1 / 100 s apart, the peak rate of the sensor.
+    r"""Reads one file of `BioTac SP DoS <https://github.com/yayaneath/BioTacSP-DoS>`_.
 
-    The first published version of the files has columns of two more fingers, ``mf_e1`` to
+    The header has the columns ``ff_e1,...,ff_e24``, in any order. Each line holds the counts of a
+    frame. The files hold no times, so frames are taken to be 1 / 100 s apart, the peak rate of the
+    sensor.
+
+    The first published version of the files also has columns of two more fingers, ``mf_e1`` to
     ``th_e24``, which were not recorded for the task. They are ignored.
 
     Args:
@@ -120,7 +122,7 @@ def read_biotac_sp_dos_csv(path: PathLike) -> Recording:
         ...     read_biotac_sp_dos_csv(path)
         Recording(num_frames=2, num_taxels=24, num_channels=1, rate=100)
     """
-    path = existing_file(path, "put the file of BioTac SP DoS there")
+    path = existing_file(path, "put the file from BioTac SP DoS there")
     lines = csv_rows(path)
     header = read_header(lines)
     column_of_name = map_columns(path, header, dict(enumerate(header)))

@@ -1,5 +1,5 @@
-r"""How a program wrote the text of a CSV file: separator, decimal sign, encoding, lines before the
-header, and texts that stand for missing readings.
+r"""The text format of a CSV file: separator, decimal sign, encoding, lines before the header, and
+values that stand for missing readings.
 """
 
 import csv
@@ -23,27 +23,27 @@ _LONG_FRACTION = re.compile(r"(\.[0-9]{6})[0-9]+")
 
 @dataclass(frozen=True)
 class CsvFormat:
-    r"""How the text of a CSV file is written.
+    r"""The text format of a CSV file.
 
     Args:
         separator (str, optional): The character between two cells, or one of :obj:`"comma"`,
             :obj:`"semicolon"`, :obj:`"tab"` and :obj:`"blank"` (any number of blanks and tabs). By
-            default a semicolon, a tab or a vertical bar if the first line has one and no comma, and
+            default, a semicolon, a tab or a vertical bar if the first line has one and no comma,
             otherwise a comma.
         decimal (str): The decimal sign of numbers, :obj:`"."` or :obj:`","`.
         encoding (str): The encoding of the text, such as :obj:`"cp1252"` or :obj:`"utf-16"`.
-            Defaults to UTF-8, with or without a mark at the start.
+            Defaults to UTF-8, with or without a byte order mark.
         preamble (int): Number of lines before the header.
-        unit_row (bool): Whether the line after the header holds units. Those of the time, joint
-            angles and readings are used if they are known: :obj:`s`, :obj:`ms`, :obj:`deg`,
-            :obj:`N`, :obj:`mN`, ...
-        time_format (str, optional): The format of times such as :obj:`"03.01.2024 10:00:00,25"`, in
-            the form of :meth:`datetime.datetime.strptime`: :obj:`"%d.%m.%Y %H:%M:%S,%f"`. Numbers,
-            times of ISO 8601 and times of a clock (:obj:`10:00:00.25`) need none.
-        missing (sequence): Texts and numbers that stand for a missing reading, such as
+        unit_row (bool): Whether the line after the header holds units. Known units of the time,
+            joint angles and readings are used: :obj:`s`, :obj:`ms`, :obj:`deg`, :obj:`N`,
+            :obj:`mN`, ...
+        time_format (str, optional): The format of times such as :obj:`"03.01.2024 10:00:00,25"`, as
+            in :meth:`datetime.datetime.strptime`: :obj:`"%d.%m.%Y %H:%M:%S,%f"`. Numbers, ISO 8601
+            times and times of day (:obj:`10:00:00.25`) need no format.
+        missing (sequence): Strings and numbers that stand for a missing reading, such as
             :obj:`["NA", -1, 4095]`. Empty cells and :obj:`nan` always do.
-        has_options (bool): Whether error messages name these arguments. They do not for files
-            whose format is fixed.
+        has_options (bool): Whether error messages name these arguments. They do not for files with
+            a fixed format.
 
     Raises:
         ValueError: If an argument is unknown.
@@ -98,7 +98,7 @@ class CsvFormat:
         )
 
     def detected_separator(self, line: str) -> str:
-        r"""Returns the separator, which the first line of the table shows unless it was given."""
+        r"""Returns :obj:`separator`, or the separator that the first line of the table shows."""
         if self.separator is not None:
             return self.separator
         candidates = [sign for sign in _DETECTED_SEPARATORS if sign in line]
@@ -111,17 +111,17 @@ class CsvFormat:
         return csv.reader(lines, delimiter=separator, strict=True)
 
     def number_texts(self, cells: Sequence[str]) -> Sequence[str]:
-        r"""Returns the texts of numbers with decimal points."""
+        r"""Returns numbers as strings with decimal points."""
         return cells if self.decimal == "." else [cell.replace(",", ".") for cell in cells]
 
     @cached_property
     def missing_texts(self) -> frozenset[str]:
-        r"""The texts of :attr:`missing`."""
+        r"""The strings in :attr:`missing`."""
         return frozenset(value.strip() for value in self.missing if isinstance(value, str))
 
     @cached_property
     def missing_numbers(self) -> list[float]:
-        r"""The numbers of :attr:`missing`, also those that are written as texts."""
+        r"""The numbers in :attr:`missing`, including numbers that are written as strings."""
         numbers = []
         for value in self.missing:
             try:
@@ -132,10 +132,10 @@ class CsvFormat:
 
     def date_seconds(self, cell: str) -> float:
         r"""Returns the seconds of a date since 1970, or of a time of day since midnight. Dates
-        without a time zone are taken as UTC.
+        without a time zone are in UTC.
 
         Raises:
-            ValueError: If the text is neither.
+            ValueError: If the cell holds neither.
         """
         if self.time_format is not None:
             return _seconds_since_1970(datetime.strptime(cell, self.time_format))
@@ -151,7 +151,7 @@ class CsvFormat:
         )
 
     def is_clock_time(self, cell: str) -> bool:
-        r"""Returns whether a time is one of a day, which begins anew at midnight."""
+        r"""Returns whether a time is a time of day, which restarts at midnight."""
         return self.time_format is None and _CLOCK.fullmatch(cell.replace(",", ".")) is not None
 
 

@@ -19,7 +19,7 @@ from torch_geometric_tactile.io._csv_table import csv_table, is_number_cell
 from torch_geometric_tactile.io._folder_tables import annotations_beside
 from torch_geometric_tactile.io._recording_schema import new_recording
 
-# A column 't_h' or 't_d' may hold another quantity than time.
+# A column 't_h' or 't_d' may hold a quantity other than time.
 _TIME_NAME = re.compile(r"(?:time|timestamp|t(?!_(?:min|h|d)))(?:_(s|ms|us|ns|min|h|d))?", re.ASCII)
 # Times of unknown unit, and frame numbers.
 _CLOCK_NAME = re.compile(
@@ -30,8 +30,8 @@ _CLOCK_NAME = re.compile(
 _DECIMAL_PLACES = {"s": 0, "ms": 3, "us": 6, "ns": 9}
 _SECONDS = {"min": 60, "h": 3600, "d": 86400}
 TIME_UNITS = (*_DECIMAL_PLACES, *_SECONDS)
-# Frames per second that no array of taxels reaches: XELA's gives 500, the vibration of a BioTac
-# 2,200. A unit of time is plausible if it gives a rate in the usual range.
+# More frames per second than any array of taxels sends: XELA's sends 500, the vibration sensor of a
+# BioTac 2,200. A unit of time is plausible if it gives a rate in the usual range.
 _MAX_RATE = 3000.0
 _USUAL_RATES = (10.0, 2000.0)
 # A unit in brackets or after a slash at the end of a name, and other spellings of units.
@@ -43,8 +43,8 @@ _UNIT_SPELLINGS = {
     **dict.fromkeys(("°", "degree", "degrees"), "deg"),
     **dict.fromkeys(("radian", "radians"), "rad"),
 }
-# For each unit of a column of readings, the unit in the metadata and the number of column units per
-# unit.
+# For each unit of a column of readings: the unit in the metadata, and how many column units make
+# one such unit.
 READING_UNITS = {
     "n": ("newton", 1.0),
     "newton": ("newton", 1.0),
@@ -82,12 +82,12 @@ def channel_names(num_channels: int) -> list[str]:
 
 
 class FrameColumns(NamedTuple):
-    r"""The roles of the columns of a file.
+    r"""The roles of the columns in a file.
 
     :obj:`tactile`, :obj:`joint` and :obj:`action` are columns in the order of the recording, and
     :obj:`extra` are columns of further signals. :obj:`degrees` are the joints whose angles are in
-    degrees. Readings divided by :obj:`per_unit` are in :obj:`unit`. :obj:`csv_format` tells how the
-    text is written.
+    degrees. Readings divided by :obj:`per_unit` are in :obj:`unit`. :obj:`csv_format` describes the
+    text.
     """
 
     names: list[str]
@@ -107,8 +107,9 @@ class FrameColumns(NamedTuple):
 
 class Frames(NamedTuple):
     r"""The frames of a file: readings :math:`(T, N C)`, joint angles :math:`(T, J)`, further
-    signals :math:`(T, E)`, actions :math:`(T, A)`, the time in seconds :math:`(T,)` or :obj:`None`,
-    whether it was written as dates, and the cells of time and label as text.
+    signals :math:`(T, E)`, actions :math:`(T, A)`, and the time in seconds :math:`(T,)` or
+    :obj:`None`. :obj:`has_dates` is whether the time was written as dates. :obj:`time_cells` and
+    :obj:`labels` are the cells of time and label as text.
     """
 
     tactile: np.ndarray
@@ -213,8 +214,8 @@ def check_increasing_time(
 
 
 def normalized_name(name: str, unit: str | None = None) -> str:
-    r"""Returns the name of a column in lower case, with a unit in brackets, after a slash or from a
-    row of units as in :obj:`time_ms`.
+    r"""Returns the name of a column in lower case, with its unit as a suffix, as in :obj:`time_ms`.
+    The unit may be in brackets, after a slash or in a row of units.
 
     Examples:
         >>> normalized_name("Bend (deg)"), normalized_name("time [msec]"), normalized_name("t", "s")
@@ -233,7 +234,7 @@ def normalized_name(name: str, unit: str | None = None) -> str:
 def read_units(
     path: Path, lines: Iterator[tuple[int, list[str]]], header: Sequence[str]
 ) -> list[str]:
-    r"""Reads the row of units after a header, and returns the unit of each column, without the
+    r"""Reads the row of units after a header, and returns the unit of each column without the
     brackets that some programs write around it.
     """
     line, row = next(lines, (0, []))
@@ -247,7 +248,7 @@ def read_units(
 
 
 def name_to_time_unit(name: str) -> str | None:
-    r"""Returns the unit of a time column, from its name, and :obj:`None` for other columns.
+    r"""Returns the unit of a time column according to its name, or :obj:`None` for other columns.
 
     Examples:
         >>> name_to_time_unit("Time"), name_to_time_unit("timestamp_ns"), name_to_time_unit("thumb")
@@ -258,7 +259,7 @@ def name_to_time_unit(name: str) -> str | None:
 
 
 def is_clock_name(name: str) -> bool:
-    r"""Returns whether a column name is that of a time without unit, or of a frame number."""
+    r"""Returns whether a column name stands for a time without a unit, or for a frame number."""
     name = name.lower()
     return name_to_time_unit(name) is None and _CLOCK_NAME.fullmatch(name) is not None
 
@@ -266,15 +267,15 @@ def is_clock_name(name: str) -> bool:
 def warn_of_unit(
     path: Path, seconds: np.ndarray | None, advice: str, rate: float | None = None
 ) -> None:
-    r"""Logs a warning if the gap between frames suggests that the time is in milliseconds, minutes,
-    hours or days, not in seconds.
+    r"""Logs a warning if the time between frames suggests that the unit of the time is not seconds
+    but milliseconds, minutes, hours or days.
 
     Args:
         path (Path): The file, for the message.
-        seconds (numpy.ndarray, optional): The times, taken as seconds :math:`(T,)`.
+        seconds (numpy.ndarray, optional): The times, read as seconds :math:`(T,)`.
         advice (str): Advice for the user, with braces in place of the unit.
-        rate (float, optional): The declared frames per second; no warning if the time agrees with
-            it.
+        rate (float, optional): The declared frames per second. There is no warning if the times
+            agree with it.
     """
     if seconds is None or len(seconds) < 2:
         return
@@ -309,8 +310,8 @@ def warn_of_unit(
 def _parse_times(
     path: Path, cells: Sequence[str], columns: FrameColumns, first_line: int
 ) -> tuple[np.ndarray, bool]:
-    r"""Returns the seconds of the cells of a time column, and whether they hold dates or times of a
-    day. Times of a day continue after midnight.
+    r"""Returns the seconds of the cells in a time column, and whether they hold dates or times of
+    day. Times of day continue after midnight.
     """
     assert columns.time is not None
     csv_format = columns.csv_format
@@ -341,7 +342,7 @@ def _time_error(
     if has_dates:
         return ArgumentError(
             f"{where} must be a number, a date such as 2024-01-31T10:00:00.25 or a time of day "
-            f"such as 10:00:00.25 (got {quoted(cell)}): give the form of other dates as ",
+            f"such as 10:00:00.25 (got {quoted(cell)}): give the format of other dates as ",
             Argument("time_format"),
         )
     text = columns.csv_format.number_texts([cell])[0]

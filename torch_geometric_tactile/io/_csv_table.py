@@ -1,4 +1,4 @@
-r"""A fast reader of numbers in CSV files, whose errors name line and column."""
+r"""A fast reader of numbers in CSV files, with errors that name line and column."""
 
 import csv
 import math
@@ -14,15 +14,15 @@ from torch_geometric_tactile._checks import Argument, ArgumentError, need
 from torch_geometric_tactile._texts import quoted
 from torch_geometric_tactile.io._csv_format import FIXED_FORMAT, CsvFormat
 
-# Spreadsheet programs run a cell that begins with these as a formula; also full-width characters.
+# Spreadsheet programs run a cell that begins with these as a formula. Includes full-width forms.
 _FORMULA_STARTS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 _Key = TypeVar("_Key", bound=Hashable)
 _SEPARATOR = re.compile(r"[,;\t|]")
 
 
 def text_to_cell(text: str) -> str:
-    r"""Escapes a text for a cell of a CSV file, so that spreadsheet programs do not run it as a
-    formula: if it begins like a formula, also after apostrophes, it gets another apostrophe in
+    r"""Escapes a string for a cell of a CSV file, so that spreadsheet programs do not run it as a
+    formula. A string that begins like a formula, even after apostrophes, gets another apostrophe in
     front. Do not use it for numbers.
 
     Examples:
@@ -33,7 +33,7 @@ def text_to_cell(text: str) -> str:
 
 
 def cell_to_text(cell: str) -> str:
-    r"""Returns the original text of a cell that :func:`text_to_cell` escaped.
+    r"""Returns the original string of a cell that :func:`text_to_cell` escaped.
 
     Examples:
         >>> cell_to_text("mug"), cell_to_text("'=1+1")
@@ -53,7 +53,7 @@ def csv_rows(path: Path, csv_format: CsvFormat = FIXED_FORMAT) -> Iterator[tuple
 
     Args:
         path (Path): The file.
-        csv_format (CsvFormat): How the file is written.
+        csv_format (CsvFormat): The text format of the file.
 
     Raises:
         ValueError: If the file is empty, truncated or not valid CSV.
@@ -99,7 +99,7 @@ def _ends_with_line_break(path: Path) -> bool:
 
 
 def _num_names(row: Sequence[str]) -> int:
-    # The number of cells of a first line, without empty ones at the end of a header.
+    # The number of cells of a first line, without empty cells at the end of a header.
     num_cells = max((i for i, cell in enumerate(row, 1) if cell.strip()), default=0)
     return num_cells if is_header(row[:num_cells]) else len(row)
 
@@ -111,8 +111,8 @@ def _check_cells(
         return
     if not row or not row[0] or row[0].isspace():
         raise ValueError(
-            f"'{path}', line {line} must not be empty: delete it, or write the commas of a frame "
-            "without readings if it is a missing frame"
+            f"'{path}', line {line} must not be empty: delete it, or write a line of empty cells "
+            "if a frame is missing"
         )
     if not is_number_cell(row[0]) and _SEPARATOR.search(row[0]):
         sign = "commas" if separator == "," else quoted(separator)
@@ -151,20 +151,20 @@ def csv_table(
     row_noun: str = "frame",
     csv_format: CsvFormat = FIXED_FORMAT,
 ) -> tuple[np.ndarray, list[list[str]]]:
-    r"""Reads a table of numbers and texts.
+    r"""Reads a table of numbers and strings.
 
     Args:
         path (Path): The file, for messages.
         lines (iterator): Line numbers and cells, after the header.
         names (sequence of str): The names of all columns.
         columns (sequence of int, optional): The columns with numbers. By default, all columns.
-        texts (sequence of int): The columns to return as texts.
+        texts (sequence of int): The columns to return as strings.
         required (sequence of int): The columns in which no number may be missing.
         row_noun (str): The noun for a line, for messages.
-        csv_format (CsvFormat): How the numbers are written.
+        csv_format (CsvFormat): The text format of the file.
 
     Returns:
-        The numbers (one row for each line), and the texts of each line.
+        The numbers (one row for each line), and the strings of each line.
     """
     numeric = [*range(len(names))] if columns is None else [*columns]
     required_indices = [i for i, column in enumerate(numeric) if column in required]
@@ -188,8 +188,8 @@ def csv_columns(
     *,
     row_noun: str = "frame",
 ) -> tuple[np.ndarray, list[list[str]]]:
-    r"""Reads the columns with the given names, like :func:`csv_table`. No column and no number may
-    be missing. Further columns are ignored.
+    r"""Reads the named columns, like :func:`csv_table`. No column and no number may be missing.
+    Further columns are ignored.
     """
     header = read_header(lines)
     column_of_name = map_columns(path, header, dict(enumerate(header)))
@@ -211,8 +211,8 @@ def csv_numbers(
     r"""Returns the numbers of a line, with NaN for empty cells and missing readings.
 
     Raises:
-        ValueError: If a cell is not a finite number, or the number of cells is not that of the
-            names.
+        ValueError: If a cell is not a finite number, or the number of cells differs from the number
+            of names.
     """
     if len(row) != len(names):
         raise _count_error(path, line, row, names, csv_format)
@@ -313,7 +313,7 @@ def _number_error(
 
 
 def is_header(row: Sequence[str]) -> bool:
-    r"""Returns whether a line is a header: more than half of its cells are not numbers. A line of
+    r"""Returns whether a line is a header, with more than half of its cells not numbers. A line of
     numbers with one invalid cell is not a header.
     """
     return sum(not is_number_cell(cell) for cell in row) > len(row) / 2
@@ -345,8 +345,8 @@ def check_no_index(path: Path, names: Sequence[str], ignore: Sequence[str] = ())
         unnamed = (column == 1 and not name) or re.fullmatch(r"Unnamed: [0-9]+", name)
         if unnamed and len(names) > 1 and name not in ignore:
             raise ValueError(
-                f"'{path}', line 1 must name column {column} (got {quoted(name)}, as above the "
-                "index of pandas): write the file with to_csv(index=False), or name the column"
+                f"'{path}', line 1 must name column {column} (got {quoted(name)}, as pandas writes "
+                "above its index): write the file with to_csv(index=False), or name the column"
             )
 
 

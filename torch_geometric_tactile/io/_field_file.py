@@ -1,4 +1,4 @@
-r"""Named arrays of HDF5 and npz files of any source.
+r"""Named arrays in HDF5 and npz files that any program wrote.
 
 Links to other files are not followed, nothing is unpickled, and sizes are checked before memory is
 allocated.
@@ -32,7 +32,7 @@ class Fields(NamedTuple):
 
     Args:
         arrays (dict): The requested arrays that the file holds, by name.
-        names (list of str): Names in the file, cut to twelve, for messages.
+        names (list of str): Names in the file, at most twelve, for messages.
     """
 
     arrays: dict[str, np.ndarray]
@@ -40,10 +40,10 @@ class Fields(NamedTuple):
 
 
 def read_fields(path: Path, names: Iterable[str]) -> Fields:
-    r"""Reads arrays by their names. Names that the file does not hold are left out.
+    r"""Reads arrays by name. Names that are not in the file are left out.
 
-    A name with an :obj:`"@"` is an attribute of an HDF5 file: :obj:`"grasp@success"` of the group
-    or array :obj:`grasp`, :obj:`"@success"` of the file.
+    A name with an :obj:`"@"` is an attribute in an HDF5 file: :obj:`"grasp@success"` belongs to the
+    group or array :obj:`grasp`, :obj:`"@success"` to the file.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -109,7 +109,7 @@ def _read_dataset(path: Path, dataset: Any, name: str, max_bytes: int) -> np.nda
         raise ValueError(f"'{path}' must hold an array in '{name}' (got {dataset})")
     check_storage(path, dataset, name)
     check_type(path, name, dataset.id.get_type())
-    # Texts of variable length take a pointer each; fixed ones are copied from UTF-8 to UTF-32.
+    # Strings of variable length take a pointer each; fixed ones are copied from UTF-8 to UTF-32.
     is_text = dataset.dtype.kind == "O"
     width = 8 if is_text else dataset.dtype.itemsize * (5 if dataset.dtype.kind == "S" else 1)
     size = math.prod(dataset.shape) * width
@@ -130,7 +130,7 @@ def _read_dataset(path: Path, dataset: Any, name: str, max_bytes: int) -> np.nda
 
 
 def _to_array(path: Path, name: str, value: Any) -> np.ndarray:
-    # h5py returns texts as objects of bytes or str.
+    # h5py returns strings as objects of bytes or str.
     array = np.asarray(value)
     if array.dtype.kind not in "SO":
         return array
@@ -140,7 +140,7 @@ def _to_array(path: Path, name: str, value: Any) -> np.ndarray:
         not all(isinstance(text, str) for text in texts)
         or max_length * len(texts) * 4 > ARRAY_BYTES
     ):
-        raise ValueError(f"'{path}' must hold short texts in '{name}' (got others)")
+        raise ValueError(f"'{path}' must hold short strings in '{name}' (got other values)")
     return np.array(texts, dtype=str).reshape(array.shape)
 
 

@@ -5,15 +5,15 @@ from pathlib import Path
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.io._folder_tables import TABLES
 
-#: The suffixes of recordings in a folder: those that are written.
+#: The suffixes of recordings in a folder, which are the suffixes that can be written.
 RECORDING_SUFFIXES = (".h5", ".hdf5", ".npz", ".mcap", ".csv", ".jsonl", ".ndjson")
 _PROBE_FILES = ("sensor.csv", "states.csv")  # of a run of eFlesh's probe
 
 
 def list_recordings(folder: PathLike, recursive: bool = False) -> list[Path]:
     r"""Returns the sorted paths of the recordings in a folder: files with a suffix of
-    :func:`write_recording`, and folders with a run of eFlesh's probe, which may be this folder.
-    Hidden files, ``annotations.csv`` and ``labels.csv`` are left out.
+    :func:`write_recording`, and folders with a run of eFlesh's probe, which may be the folder
+    itself. Hidden files, ``annotations.csv`` and ``labels.csv`` are left out.
 
     Args:
         folder (str or PathLike): The folder.

@@ -1,7 +1,8 @@
-r"""CSV files with annotations, labels and metadata of the recordings in the same folder:
-``annotations.csv``, with the columns ``recording``, ``start``, ``end`` and ``label``, and
-``labels.csv``, with ``recording``, ``label`` and further columns of metadata. A recording is
-identified by the name of its file, with or without the suffix.
+r"""CSV files with annotations, labels and metadata of the recordings in the same folder.
+
+``annotations.csv`` has the columns ``recording``, ``start``, ``end`` and ``label``. ``labels.csv``
+has ``recording``, ``label`` and further columns of metadata. A recording is identified by the name
+of its file, with or without the suffix.
 """
 
 import csv
@@ -79,7 +80,7 @@ def read_labels(path: Path) -> dict[str, dict[str, str | int]]:
         recording = cells.pop("recording")
         if recording in metadata_of_recording:
             raise ValueError(
-                f"'{path}', line {line} must not name a recording again (got {quoted(recording)})"
+                f"'{path}', line {line} must not repeat a recording (got {quoted(recording)})"
             )
         metadata_of_recording[recording] = {name: cell for name, cell in cells.items() if cell}
     need(
@@ -108,15 +109,15 @@ def annotations_beside(path: Path) -> list[Annotation]:
     ]
 
 
-@lru_cache(maxsize=4)  # since a folder may have many recordings; `state` tells if it changed
+@lru_cache(maxsize=4)  # since a folder may have many recordings; `state` shows whether it changed
 def _cached_annotations(table: Path, state: tuple[int, ...]) -> Mapping[str, list[Annotation]]:
     return read_annotations(table)
 
 
 def write_annotations(path: Path, annotations: Sequence[Annotation]) -> None:
     r"""Writes the annotations of a recording to the ``annotations.csv`` beside its file, and
-    replaces the previous ones. Rows of other recordings stay, also if another process writes at
-    the same time.
+    replaces the previous ones. Rows of other recordings are kept, even if another process writes
+    at the same time.
     """
     table = path.with_name(ANNOTATIONS_FILE)
     if annotations or table.exists():

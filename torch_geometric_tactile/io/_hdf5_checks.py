@@ -1,5 +1,5 @@
 r"""Checks of an HDF5 file before its arrays are read: it must not refer to other files, and its
-declared sizes must agree with the bytes that it holds.
+declared sizes must match the bytes in it.
 """
 
 import math
@@ -21,7 +21,7 @@ _FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32"}  # the numbers of HDF5
 
 
 def find_datasets(path: Path, file: Any) -> dict[str, Any]:
-    r"""Returns the data sets of a recording by their names.
+    r"""Returns the data sets of a recording by name.
 
     Raises:
         ValueError: If a data set is missing or invalid.
@@ -46,7 +46,7 @@ def find_dataset(path: Path, file: Any, name: str) -> Any:
     r"""Returns a data set.
 
     Raises:
-        ValueError: If it is missing, in another file, or of an unsupported type.
+        ValueError: If it is missing, in another file, or has an unsupported type.
     """
     if name not in file:
         raise missing_field(path, name)
@@ -60,14 +60,14 @@ def find_dataset(path: Path, file: Any, name: str) -> Any:
 
 
 def check_type(path: Path, name: str, hdf5_type: Any) -> None:
-    r"""Raises an error unless a type is a number of at most 8 bytes, a truth value or a text."""
+    r"""Raises an error unless a type is a number of at most 8 bytes, a boolean or a string."""
     h5t = require_h5py().h5t
     is_number = hdf5_type.get_class() in (h5t.INTEGER, h5t.FLOAT) and hdf5_type.get_size() <= 8
     is_text = hdf5_type.get_class() == h5t.STRING
     is_bool = hdf5_type.get_class() == h5t.ENUM and hdf5_type.dtype == np.dtype(bool)
     if hdf5_type.committed() or not (is_number or is_text or is_bool):
         raise ValueError(
-            f"'{path}' must hold numbers, truth values or texts in '{name}' (got "
+            f"'{path}' must hold numbers, booleans or strings in '{name}' (got "
             f"{'a named type' if hdf5_type.committed() else hdf5_type.dtype})"
         )
 
@@ -107,17 +107,17 @@ def check_dataset_sizes(
     for name, dataset in datasets.items():
         if num_frames > len(dataset):
             raise ValueError(
-                f"'{path}' must have {num_frames} frames in '{name}', as 'num_frames' says "
+                f"'{path}' must have {num_frames} frames in '{name}', as 'num_frames' declares "
                 f"(got {len(dataset)}): copy or record it again"
             )
         shape = (num_frames, *dataset.shape[1:])
-        # Texts take memory as UTF-8 and as their copy in UTF-32.
+        # Strings take memory as UTF-8 and as their copy in UTF-32.
         width = dataset.dtype.itemsize * (5 if dataset.dtype.kind == "S" else 1)
         total += _num_chunk_values(dataset, shape) * width
         if not is_stored(dataset, shape):
             raise ValueError(
-                f"'{path}' must hold {num_frames} frames in '{name}', as 'num_frames' says (got "
-                f"{dataset.id.get_storage_size()} bytes): copy or record it again"
+                f"'{path}' must hold {num_frames} frames in '{name}', as 'num_frames' declares "
+                f"(got {dataset.id.get_storage_size()} bytes): copy or record it again"
             )
     if total > limit:
         raise ValueError(
@@ -146,12 +146,12 @@ def _num_chunk_values(dataset: Any, shape: tuple[int, ...]) -> int:
 
 
 def text_attribute(path: Path, attrs: Any, name: str) -> str:
-    r"""Returns an attribute, which must be one text."""
+    r"""Returns an attribute, which must be one string."""
     attribute = _find_attribute(path, attrs, name)
     hdf5_type = attribute.get_type()
     if attribute.shape != () or hdf5_type.get_class() != require_h5py().h5t.STRING:
         raise ValueError(
-            f"'{path}' must hold one text in '{name}' (got {attribute.dtype} of shape "
+            f"'{path}' must hold one string in '{name}' (got {attribute.dtype} of shape "
             f"{attribute.shape})"
         )
     if not hdf5_type.is_variable_str() and hdf5_type.get_size() > path.stat().st_size:

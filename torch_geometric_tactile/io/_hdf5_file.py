@@ -18,14 +18,14 @@ _INSTALL = 'pip install "torch-geometric-tactile[io]"'
 _VALUES_PER_CHUNK = 2**15
 _MAX_FRAMES_PER_CHUNK = 512
 _GZIP_LEVEL = 1  # compresses counts nearly as well as level 9, and several times faster
-_TEXTS_PER_READ = 64  # of version 1, where each text may be as long as the file
+_TEXTS_PER_READ = 64  # in version 1, where each string may be as long as the file
 _MAGIC = b"tactile journal\n"
 _FOOTER = struct.Struct("<16sQQII")  # magic, bytes before it, new file size, two checksums
 _ENTRY = struct.Struct("<QI")  # offset and number of bytes
 
 
 def require_h5py() -> Any:
-    r"""Returns :obj:`h5py`, or raises an error that says how to install it."""
+    r"""Returns :obj:`h5py`, or raises an error with the command that installs it."""
     try:
         import h5py
     except ImportError as error:
@@ -38,7 +38,7 @@ def open_hdf5(path: Path) -> Iterator[Any]:
     r"""Opens a file for reading.
 
     Raises:
-        BlockingIOError: If another process writes the file.
+        BlockingIOError: If another process is writing the file.
         ValueError: If the file is damaged.
     """
     h5py = require_h5py()
@@ -54,14 +54,14 @@ def open_hdf5(path: Path) -> Iterator[Any]:
         if names_path or isinstance(error, PermissionError):
             raise
         raise ValueError(
-            f"'{path}' cannot be read as HDF5, is it truncated or damaged? {error}; copy or record "
-            "it again"
+            f"'{path}' cannot be read as HDF5 ({error}): is it truncated or damaged? Copy or "
+            "record it again"
         ) from error
 
 
 def _read_journal(path: Path) -> tuple[bytes, int] | None:
-    # Versions up to 0.2 appended in place: after its end, a file may have a journal of changes that
-    # were not yet applied when the process was killed. Its footer has the new size of the file.
+    # Versions up to 0.2 appended in place. After its end, a file may have a journal of changes that
+    # were not applied before the process was killed. Its footer has the new size of the file.
     with path.open("rb") as file:
         start = file.seek(0, os.SEEK_END) - _FOOTER.size
         if start <= 0:
@@ -91,7 +91,7 @@ def _apply_journal(path: Path, changes: bytes, size: int) -> io.BytesIO:
 
 
 def encode_texts(array: np.ndarray) -> np.ndarray:
-    r"""Returns an array in its stored form: texts as UTF-8 of a fixed length."""
+    r"""Returns an array in its stored form, with strings as UTF-8 of a fixed length."""
     if array.dtype.kind != "U":
         return array
     texts: np.ndarray = np.char.encode(array, "utf-8")
@@ -99,7 +99,7 @@ def encode_texts(array: np.ndarray) -> np.ndarray:
 
 
 def decode_texts(array: np.ndarray) -> np.ndarray:
-    r"""Decodes an array of UTF-8 texts of a fixed length. Other arrays are returned unchanged."""
+    r"""Decodes an array of UTF-8 strings of a fixed length. Other arrays are returned unchanged."""
     if array.dtype.kind != "S":
         return array
     return np.char.decode(array, "utf-8").astype(str, copy=False)  # NumPy 1.26: floats if empty
@@ -128,7 +128,7 @@ def create_dataset(file: Any, name: str, array: np.ndarray) -> Any:
 
 
 def read_rows(dataset: Any, num_frames: int, max_bytes: int) -> np.ndarray:
-    r"""Reads the first rows of a data set. Texts of a fixed length stay encoded."""
+    r"""Reads the first rows of a data set. Strings of a fixed length stay encoded."""
     if dataset.dtype.kind == "O":
         return _read_long_texts(dataset, num_frames, max_bytes)
     array: np.ndarray = dataset[:num_frames]
@@ -145,5 +145,5 @@ def _read_long_texts(dataset: Any, num_frames: int, max_bytes: int) -> np.ndarra
         texts += part
         max_length = max(max_length, *map(len, part), 0)
         if 4 * max_length * num_frames * texts_per_frame > max_bytes:
-            raise ValueError(f"its texts must take no more than {max_bytes} bytes in memory")
+            raise ValueError(f"its strings must take no more than {max_bytes} bytes in memory")
     return np.array(texts, dtype=str).reshape(num_frames, *dataset.shape[1:])

@@ -31,10 +31,10 @@ _LINES = (
 class ICubGraspFrames(NamedTuple):
     r"""The frames of one trial of the iCub Grasp data set, as stored in its file.
 
-    :obj:`reading` are counts :math:`(T, 60)`, by finger (thumb, index, middle, ring, little) and
-    taxel, lower under pressure. :obj:`encoder` are the angles of iCub's joints 7 to 15 in radians
-    :math:`(T, 9)`. :obj:`maximum` is 255 minus the lowest reading of each finger :math:`(T, 5)` in
-    counts, as computed by the robot.
+    :obj:`reading` holds counts :math:`(T, 60)` by finger (thumb, index, middle, ring, little) and
+    taxel, which decrease under pressure. :obj:`encoder` holds the angles of iCub's joints 7 to 15
+    in radians :math:`(T, 9)`. :obj:`maximum` is 255 minus the lowest reading of each finger
+    :math:`(T, 5)` in counts, as computed by the robot.
 
     Examples:
         >>> frames = ICubGraspFrames(np.full((2, 60), 240), np.zeros((2, 9)), np.full((2, 5), 15))
@@ -48,12 +48,13 @@ class ICubGraspFrames(NamedTuple):
 
 
 def read_icub_grasp_txt(path: PathLike) -> ICubGraspFrames:
-    r"""Reads one file of the iCub Grasp data set: a line -10000, then seven lines for each frame,
+    r"""Reads one file of the iCub Grasp data set: a line -10000, then seven lines for each frame
     with nine encoders, five maxima, and the twelve taxels of each of five fingers.
 
-    The files state no unit of the encoders. Encoders of the iCub are in degrees, and their values
-    agree with this, so they are converted from degrees to radians. A maximum and the readings were
-    sampled at different moments: in the published files they differ by at most 6 counts.
+    The files state no unit of the encoders. Encoders of the iCub are in degrees, and the values in
+    the files agree with this, so they are converted from degrees to radians. A maximum and the
+    readings were sampled at different moments. In the published files they differ by at most 6
+    counts.
 
     Args:
         path (str or PathLike): The file.
@@ -77,7 +78,7 @@ def read_icub_grasp_txt(path: PathLike) -> ICubGraspFrames:
         >>> frames.reading.shape, round(frames.encoder[0, 0].item(), 4)
         ((2, 60), 1.5708)
     """
-    path = existing_file(path, "put the file of the iCub Grasp data set there")
+    path = existing_file(path, "put the file from the iCub Grasp data set there")
     lines = _read_lines(path)
     _, first_line = next(lines, (0, ""))
     if (
@@ -114,8 +115,8 @@ def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
             number += 1
             if not line.endswith(b"\n"):
                 raise ValueError(
-                    f"'{path}', line {number} must end with a line break, and be below "
-                    f"{_MAX_LINE_LENGTH} characters: is the file truncated?"
+                    f"'{path}', line {number} must end with a line break after fewer "
+                    f"than {_MAX_LINE_LENGTH} characters: is the file truncated?"
                 )
             text = line[:-1].removesuffix(b"\r").replace(b"\t", b" ")
             if not text.isascii() or not text.decode("ascii").isprintable():
@@ -148,6 +149,6 @@ def _check_maximum(reading: np.ndarray, maximum: float, where: str, noun: str) -
     if abs(expected - maximum) > _MAXIMUM_TOLERANCE:
         raise ValueError(
             f"{where}: {noun} must agree with the maximum of their finger, {maximum:g}, within "
-            f"{_MAXIMUM_TOLERANCE:g} (got a lowest reading of {reading.min():g}): are lines in "
-            "another order?"
+            f"{_MAXIMUM_TOLERANCE:g} (got a lowest reading of {reading.min():g}): are lines out of "
+            "order?"
         )

@@ -1,5 +1,5 @@
 r"""Checked reading of the folders of LeRobot data sets: descriptions, tasks, episodes and values.
-``meta/tactile.json`` holds the content for which LeRobot has no place.
+``meta/tactile.json`` holds the content that LeRobot cannot store.
 """
 
 import json
@@ -32,7 +32,7 @@ from torch_geometric_tactile.io._lerobot_tables import (
     require_pyarrow,
 )
 
-# Without this README, `datasets` takes the files of `meta` for data.
+# Without this README, `datasets` reads the files in `meta` as data.
 _README = """\
 ---
 configs:
@@ -78,7 +78,7 @@ def check_alike(recordings: Sequence[Recording]) -> None:
         if shape != shapes[0]:
             raise ValueError(
                 f"recording {i} must have {shapes[0][0]} taxels, {shapes[0][1]} channels, "
-                f"{shapes[0][2]} joints and {shapes[0][3]} actions, as the first one (got {shape})"
+                f"{shapes[0][2]} joints and {shapes[0][3]} actions, as recording 0 (got {shape})"
             )
     units = {r.meta.get("unit") for r in recordings}
     if len(units) > 1:
@@ -111,7 +111,7 @@ class TactileContent:
 
     path: Path
     feature: str = TACTILE
-    columns: tuple[int, int] | None = None  # of the readings in the feature, if it has others too
+    columns: tuple[int, int] | None = None  # of the readings, if the feature has other values too
     shape: tuple[int, int] | None = None
     episodes: dict[int, dict[str, Any]] = field(default_factory=dict)
     extra: dict[str, ExtraSignal] = field(default_factory=dict)
@@ -120,7 +120,7 @@ class TactileContent:
         r"""Returns the label, metadata and annotations of an episode.
 
         Raises:
-            ValueError: If the file has not this episode, or another length or task for it.
+            ValueError: If the file lacks this episode, or has a different length or task for it.
         """
         if not self.episodes:
             return {"label": task, "meta": {"episode": number}}
@@ -204,7 +204,7 @@ def tactile_content(
 
 
 def read_tactile_content(root: Path, num_episodes: int, tasks: Sequence[str]) -> TactileContent:
-    r"""Reads the ``meta/tactile.json`` of a data set. Without this file, the content is empty.
+    r"""Reads the ``meta/tactile.json`` of a data set. Returns an empty content without this file.
 
     Raises:
         ValueError: If the file is invalid, or does not have each episode once.
@@ -253,8 +253,8 @@ def _read_columns(path: Path, content: dict[str, Any], size: int) -> tuple[int, 
     is_pair = isinstance(columns, list) and len(columns) == 2
     if not is_pair or not all(type(n) is int and 0 <= n < 2**31 for n in columns):
         raise ValueError(
-            f"'{path}' must hold in 'columns' the first column of the readings and the one after "
-            f"the last (got {printable(columns)[:40]})"
+            f"'{path}' must hold in 'columns' the first column of the readings and the column "
+            f"after the last (got {printable(columns)[:40]})"
         )
     if columns[1] - columns[0] != size:
         raise ValueError(
@@ -318,7 +318,7 @@ def read_info(root: Path) -> dict[str, Any]:
     if not isinstance(version, str) or not version.startswith("v3."):
         raise ValueError(
             f"'{root}' must be a LeRobot data set of version 3 (got {printable(version)}): convert "
-            "it with the script of lerobot"
+            "it with lerobot's conversion script"
         )
     for key, kind in {
         "features": dict,
@@ -359,8 +359,8 @@ def split_episodes(path: Path, table: Any) -> Iterator[tuple[int, Any]]:
 def sort_episodes(
     root: Path, info: dict[str, Any], indexed_items: list[tuple[int, _Item]]
 ) -> dict[int, _Item]:
-    r"""Returns the items by the indices of their episodes, in order. Deleted episodes may have left
-    indices out.
+    r"""Returns the items by the indices of their episodes, in order. Indices of deleted episodes
+    may be missing.
 
     Args:
         root (Path): The folder, for messages.
@@ -368,7 +368,7 @@ def sort_episodes(
         indexed_items (list of tuple): Pairs of the index of an episode and its item.
 
     Raises:
-        ValueError: If an episode is missing or there twice.
+        ValueError: If an episode is missing or repeated.
     """
     numbers = sorted(number for number, _ in indexed_items)
     if len(numbers) != info["total_episodes"] or len({*numbers}) < len(numbers):
@@ -469,8 +469,8 @@ def read_tasks(root: Path) -> dict[int, str]:
     numbers = integer_column(path, table, "task_index").tolist()
     if len(set(numbers)) < len(numbers) or table.column("text").null_count:
         raise ValueError(
-            f"'{path}' must hold each 'task_index' once, with a name (got duplicate or missing "
-            "ones)"
+            f"'{path}' must hold each 'task_index' once, with a name (got duplicate indices or "
+            "missing names)"
         )
     texts = (text for chunk in table.column("text").chunks for text in _decode_dictionary(chunk))
     return dict(zip(numbers, texts, strict=True))

@@ -22,7 +22,7 @@ STATE_FRAMES = f"{STATE}_frames"
 # most one step old.
 _UNUSED_ROW_STEPS = -2.0
 INDICES = ("frame_index", "episode_index", "index", "task_index")
-# Steps. A step that differs from a frame only by rounding, as of times since 1970, gets that frame.
+# Steps. A step that differs from a frame only by rounding (as in times since 1970) gets that frame.
 _STEP_TOLERANCE = 1e-3
 _MAX_FLOAT32 = float(np.finfo(np.float32).max)
 _logger = logging.getLogger(__name__)
@@ -32,8 +32,8 @@ Stats = dict[str, np.ndarray]
 
 
 def frames_feature(key: str) -> str:
-    r"""Returns the feature of all frames since the previous step, for a feature of the readings.
-    Frames have a separate feature if the readings are joined to the state.
+    r"""Returns the name of the feature with all frames since the previous step, for a feature of
+    the readings. Frames have a separate feature if the readings are joined to the state.
 
     Examples:
         >>> frames_feature("observation.skin"), frames_feature("observation.state")
@@ -43,7 +43,7 @@ def frames_feature(key: str) -> str:
 
 
 def frame_times_feature(key: str) -> str:
-    r"""Returns the feature of the times of these frames."""
+    r"""Returns the name of the feature with the times of these frames."""
     return f"{frames_feature(key)}_time"
 
 
@@ -59,7 +59,7 @@ def has_frame(times: np.ndarray, fps: float) -> np.ndarray:
 
 
 def check_key_and_fill(key: Any, fill: Any) -> None:
-    r"""Raises an error for an invalid feature of the readings, or number for missing readings."""
+    r"""Raises an error if the feature of the readings or the fill value is invalid."""
     if (
         not isinstance(key, str)
         or not re.fullmatch(r"observation\.[^/\s]+", key)
@@ -77,7 +77,7 @@ def check_key_and_fill(key: Any, fill: Any) -> None:
 
 
 def names_to_shape(names: Any) -> tuple[int, int] | None:
-    r"""Returns the numbers of taxels and channels from column names of a wide CSV file, and
+    r"""Returns the numbers of taxels and channels from column names of a wide CSV file, or
     :obj:`None` for other names.
 
     Examples:
@@ -94,8 +94,8 @@ def names_to_shape(names: Any) -> tuple[int, int] | None:
 
 
 def feature_value_names(names: Any, size: int) -> list[str] | None:
-    r"""Returns the names in the description of a feature of one dimension, or :obj:`None` unless
-    there is one for each value. Earlier versions of LeRobot have them in an object.
+    r"""Returns the names in the description of a one-dimensional feature, or :obj:`None` unless
+    there is a name for each value. Earlier versions of LeRobot store them in an object.
 
     Examples:
         >>> feature_value_names({"motors": ["wrist", "gripper"]}, 2)
@@ -108,7 +108,7 @@ def feature_value_names(names: Any, size: int) -> list[str] | None:
 
 
 def value_names(name: str, shape: tuple[int, ...]) -> list[str]:
-    r"""Returns the names of the values of a signal of several dimensions.
+    r"""Returns the names of the values of a multi-dimensional signal.
 
     Examples:
         >>> value_names("pac", (1, 3))
@@ -141,15 +141,15 @@ class ExtraSignal(NamedTuple):
 
     @property
     def stored_dtype(self) -> str:
-        r"""The floating-point type of the feature, which represents all values of the signal and
-        has NaN for missing values.
+        r"""The floating-point type of the feature. It represents all values of the signal, and NaN
+        for missing values.
         """
         return "float32" if np.can_cast(self.dtype, np.float32) else "float64"
 
 
 def extra_signals(recordings: Sequence[Recording]) -> dict[str, ExtraSignal]:
-    r"""Returns the further signals that can be features: numbers that float64 represents, of the
-    same shape in all recordings.
+    r"""Returns the further signals that can be features: numbers that float64 represents exactly,
+    with the same shape in all recordings.
     """
     signals = {}
     for name in recordings[0].extra:
@@ -202,7 +202,7 @@ def touch_features(
     state_names: Sequence[str] = (),
 ) -> dict[str, Any]:
     r"""Returns the descriptions of the features of readings and further signals. The readings
-    come after the values with :obj:`state_names`.
+    follow the values named :obj:`state_names`.
     """
     shape = (recording.num_taxels, recording.num_channels)
     touch_names = [*state_names, *signal_names(*shape)]
@@ -244,13 +244,13 @@ def steps_to_frames(
 
 
 def max_step_distance(time: np.ndarray, fps: float, max_gap: float | None) -> float:
-    r"""Returns the largest allowed distance of a step from its frame in seconds.
+    r"""Returns the largest allowed time between a step and its frame in seconds.
 
     Args:
         time (numpy.ndarray): Time of each frame in seconds :math:`(T,)`.
-        fps (float): Steps per second; a distance of one step is always allowed.
+        fps (float): Steps per second. A time of one step is always allowed.
         max_gap (float, optional): The longest time in seconds that is not a gap. Defaults to five
-            times the median distance of frames.
+            times the median time between frames.
     """
     if max_gap is None:
         max_gap = measure_rate(time).max_gap if len(time) > 1 else 0.0
@@ -281,8 +281,8 @@ def check_gaps(
     max_gap: float | None,
     fill: float | None = None,
 ) -> None:
-    r"""Logs a warning if steps of a recording are in a gap and have no reading, or raises an error
-    for :obj:`gaps="error"`.
+    r"""Logs a warning if steps of a recording are in a gap and have no reading. With
+    :obj:`gaps="error"`, raises an error instead.
     """
     missing = np.flatnonzero(frames_near_steps(time, steps, fps, nearest, max_gap) < 0)
     if not len(missing):
@@ -294,8 +294,8 @@ def check_gaps(
     )
     if gaps == "error":
         raise ValueError(
-            f"{message}: cut the recording there with Recording.select, give a larger max_gap, or "
-            "gaps='nan' to write NaN there"
+            f"{message}: cut the recording there with Recording.select, use a larger max_gap, or "
+            "write NaN there with gaps='nan'"
         )
     _logger.warning("%s, where readings are %s", message, "NaN" if fill is None else fill)
 
@@ -310,7 +310,7 @@ def check_complete(
     every_frame: bool,
 ) -> None:
     r"""Raises an error if a recording lacks joint angles or actions, which :obj:`fill` does not
-    replace: zero would be an angle or a command that never was.
+    replace: zero would be an angle or a command that never existed.
     """
     time = recording.time - recording.time[0]
     for name, values in (("joint", recording.joint), ("action", recording.action)):
@@ -359,7 +359,7 @@ def touch_columns(
     r"""Returns readings, joint angles (if any), actions (if any) and further signals at each of
     :math:`S` steps, with NaN in gaps.
 
-    The action of a step is the last command at or before it, also with :obj:`nearest`.
+    The action of a step is the last command at or before it, even with :obj:`nearest`.
 
     Shapes:
         - **steps:** Increasing times of the steps on the clock of the recording :math:`(S,)`.
@@ -450,8 +450,8 @@ def feature_stats(values: np.ndarray) -> Stats:
 
 
 def pool_stats(episodes: Sequence[Mapping[str, Stats]]) -> dict[str, Stats]:
-    r"""Returns the statistics of a data set from those of its episodes, as LeRobot does: weighted
-    by the numbers of frames, with quantiles averaged.
+    r"""Returns the statistics of a data set from the statistics of its episodes, as LeRobot does:
+    weighted by the numbers of frames, with averaged quantiles.
     """
     pooled = {}
     for name in episodes[0]:

@@ -1,4 +1,4 @@
-r"""Parquet tables of LeRobot data sets, whose sizes are checked before memory is allocated."""
+r"""Parquet tables of LeRobot data sets, with sizes that are checked before memory is allocated."""
 
 import json
 import re
@@ -27,7 +27,7 @@ _MAX_DEPTH = 12  # of nested structures and lists; a footer has six
 
 
 def require_pyarrow() -> Any:
-    r"""Returns :obj:`pyarrow`, or raises an error that says how to install it."""
+    r"""Returns :obj:`pyarrow`, or raises an error with the command that installs it."""
     try:
         import pyarrow
         import pyarrow.compute
@@ -40,7 +40,7 @@ def require_pyarrow() -> Any:
 
 
 def is_list(kind: Any) -> bool:
-    r"""Returns whether a type of Arrow is a list."""
+    r"""Returns whether an Arrow type is a list."""
     types = require_pyarrow().types
     return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
 
@@ -54,7 +54,7 @@ def read_numbers(path: Path, sizes: Mapping[str, int], allow_large: bool = False
     r"""Reads columns of numbers from a Parquet file.
 
     A few bytes can represent millions of equal values, so the declared number of values is compared
-    with the expected one before they are read.
+    with the expected number before they are read.
 
     Args:
         path (Path): The file.
@@ -77,14 +77,14 @@ def read_numbers(path: Path, sizes: Mapping[str, int], allow_large: bool = False
 
 
 def read_texts(path: Path, number: str, texts: tuple[str, ...]) -> Any:
-    r"""Reads a column of numbers and a column of texts from a Parquet file. Equal texts are stored
-    once.
+    r"""Reads a column of numbers and a column of strings from a Parquet file. Equal strings are
+    stored once.
 
     Args:
         path (Path): The file.
         number (str): The name of the column of numbers.
-        texts (tuple of str): Possible names of the column of texts. If it has none of them, the
-            file must have a single column of texts.
+        texts (tuple of str): Possible names of the column of strings. If it has none of them, the
+            file must have a single column of strings.
     """
     pa = require_pyarrow()
 
@@ -195,8 +195,8 @@ def _check_numbers(file: Any, name: str, size: int) -> None:
     values = sum(chunk.num_values for chunk in _column_chunks(file, [name]))
     if values != size * file.metadata.num_rows:
         raise ValueError(
-            f"it must hold {size} numbers in '{name}' a row, {size * file.metadata.num_rows} in "
-            f"all (got {values})"
+            f"it must hold {size} numbers in '{name}' per row, {size * file.metadata.num_rows} in "
+            f"total (got {values})"
         )
 
 
@@ -234,7 +234,7 @@ def write_parquet(table: Any, path: Path) -> None:
 
 
 def arrow_column(values: np.ndarray) -> Any:
-    r"""Converts the values of a feature to a column of LeRobot: one value per step is not a list.
+    r"""Converts the values of a feature to a LeRobot column. One value per step is not a list.
 
     Shapes:
         - **values:** Values :math:`(T, ...)`.
@@ -313,7 +313,7 @@ def _page_totals(file: BinaryIO, chunk: Any, size: int) -> tuple[int, int]:
 
 
 class _ThriftReader:
-    # Reads Thrift's compact protocol, as far as footers and page headers use it.
+    # Reads the part of Thrift's compact protocol that footers and page headers use.
     def __init__(self, data: bytes) -> None:
         self.data, self.position = data, 0
 

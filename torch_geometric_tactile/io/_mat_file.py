@@ -1,8 +1,8 @@
-r"""The variables of MAT files of version 5 to 7.
+r"""The variables of MAT files of versions 5 to 7.
 
-This module does not use SciPy: :func:`scipy.io.loadmat` crashes on an unknown type of numbers, and
-allocates as much memory as a damaged or hostile file declares, as :func:`scipy.io.whosmat` does for
-the name of a variable.
+This module does not use SciPy. :func:`scipy.io.loadmat` crashes on an unknown type of numbers, and
+allocates as much memory as a damaged or hostile file declares, and :func:`scipy.io.whosmat` does
+the same for the name of a variable.
 """
 
 import math
@@ -26,7 +26,7 @@ _STORED_DTYPES |= {12: "i8", 13: "u8"}
 _CLASS_DTYPES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4"}
 _CLASS_DTYPES |= {14: "i8", 15: "u8"}
 _COMPLEX, _LOGICAL = 0x08, 0x02
-_TEXT_ENCODINGS = {1: "ascii", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16"}  # of texts
+_TEXT_ENCODINGS = {1: "ascii", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16"}  # of strings
 _MAX_HEADER_BYTES = 2**12  # of a variable: class, size and name
 
 
@@ -35,7 +35,7 @@ MAT_ERRORS = (ValueError, struct.error, zlib.error)
 
 
 class MatVariable(NamedTuple):
-    r"""A variable of a file. Its :obj:`content`, once unpacked, begins with its header."""
+    r"""A variable of a file. Its unpacked :obj:`content` begins with its header."""
 
     name: str
     kind: int
@@ -67,18 +67,18 @@ def byte_order(data: bytes) -> str:
         ValueError: If it is not a MAT file of version 5 to 7.
     """
     if _HDF5_SIGNATURE in (data[:8], data[512:520]):
-        raise ValueError("it is of version 7.3 (HDF5): write it by save(..., '-v7')")
+        raise ValueError("it has version 7.3 (HDF5): write it with save(..., '-v7')")
     if len(data) < _HEADER_BYTES:
         raise ValueError(
-            "it is not a MAT file of version 5 to 7, or truncated: try save(..., '-v7')"
+            "it is truncated, or not a MAT file of versions 5 to 7: try save(..., '-v7')"
         )
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None or 0 in data[:4]:
         raise ValueError(
-            "it is not a MAT file of version 5 to 7, or truncated: try save(..., '-v7')"
+            "it is truncated, or not a MAT file of versions 5 to 7: try save(..., '-v7')"
         )
     (version,) = struct.unpack(f"{order}H", data[124:126])
-    need(version == 256, f"it is of version {version:#x}: write it by save(..., '-v7')")
+    need(version == 256, f"it has version {version:#x}: write it with save(..., '-v7')")
     return order
 
 
@@ -101,7 +101,7 @@ def mat_variables(data: bytes, order: str) -> Iterator[MatVariable]:
         else:
             header = content[:_MAX_HEADER_BYTES]
         if kind != _MATRIX:
-            raise ValueError(f"it holds a part of type {kind} in place of a variable")
+            raise ValueError(f"it holds a part of type {kind} instead of a variable")
         yield _parse_header(header, content, is_packed, order)
 
 
@@ -118,7 +118,7 @@ def _read_element(data: bytes, position: int, order: str) -> tuple[int, bytes, i
     # Returns the type and the bytes of an element, and the position of the next element.
     kind, count, start = _read_tag(data, position, order)
     is_small = start == position + 4
-    need(not is_small or count <= 4, "a small part must have 4 bytes at most", count)
+    need(not is_small or count <= 4, "a small part must have at most 4 bytes", count)
     content = data[start : start + count]
     need(len(content) >= count, f"it is truncated: a part must have {count} bytes", len(content))
     return kind, content, position + 8 if is_small else start + -(-count // 8) * 8
@@ -180,24 +180,26 @@ def mat_numbers(variable: MatVariable, order: str, num_stored: int) -> np.ndarra
 
 
 def mat_texts(variable: MatVariable, order: str) -> list[str]:
-    r"""Returns the texts of a cell array, which must be one row or column."""
+    r"""Returns the strings of a cell array, which must be one row or column."""
     need(
         sum(size != 1 for size in variable.shape) <= 1,
-        f"'{variable.name}' must be one row or column of texts (got shape {variable.shape})",
+        f"'{variable.name}' must be one row or column of strings (got shape {variable.shape})",
     )
     content = variable.content
     if variable.is_packed:
         content = _unpack(content, MAT_TEXT_BYTES, order)
-    need(len(content) <= MAT_TEXT_BYTES, f"'{variable.name}' has too many texts", len(content))
+    need(len(content) <= MAT_TEXT_BYTES, f"'{variable.name}' has too many strings", len(content))
     position = 0
     for _ in range(3):  # flags, size and name
         _, _, position = _read_element(content, position, order)
     texts = []
     for _ in range(math.prod(variable.shape)):
         kind, element, position = _read_element(content, position, order)
-        need(kind == _MATRIX, f"'{variable.name}' must hold texts (got an element of type {kind})")
+        need(
+            kind == _MATRIX, f"'{variable.name}' must hold strings (got an element of type {kind})"
+        )
         texts.append(_read_text(element, variable.name, order) if element else "")
-    need(position >= len(content), f"'{variable.name}' has bytes after its texts")
+    need(position >= len(content), f"'{variable.name}' has bytes after its strings")
     return texts
 
 
@@ -205,18 +207,18 @@ def _read_text(element: bytes, name: str, order: str) -> str:
     header = _parse_header(element, element, False, order)
     need(
         header.kind == _TEXT_CLASS,
-        f"'{name}' must hold texts (got an array of class {header.kind})",
+        f"'{name}' must hold strings (got an array of class {header.kind})",
     )
     position = 0
     for _ in range(3):
         _, _, position = _read_element(element, position, order)
     kind, codes, _ = _read_element(element, position, order)
-    need(kind in _TEXT_ENCODINGS, f"'{name}' has a text of the unknown type {kind}")
+    need(kind in _TEXT_ENCODINGS, f"'{name}' has a string of the unknown type {kind}")
     encoding = _TEXT_ENCODINGS[kind] + ({"<": "-le", ">": "-be"}[order] if kind in (4, 17) else "")
     text = codes.decode(encoding)
     if len(text) != math.prod(header.shape) or header.shape[0] > 1:
         raise ValueError(
-            f"'{name}' has a text of {len(text)} characters for the size {header.shape}"
+            f"'{name}' has a string of {len(text)} characters for the size {header.shape}"
         )
     return text
 

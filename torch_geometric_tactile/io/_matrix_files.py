@@ -63,7 +63,7 @@ def read_matrix_csv(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
 
 
 def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarray:
-    r"""Reads a matrix, or a stack of matrices of one size, from an npy file. The size is checked
+    r"""Reads a matrix, or a stack of matrices of equal size, from an npy file. The size is checked
     before memory is allocated, and nothing is unpickled.
 
     The format has no checksum, so damaged numbers are not detected.
@@ -114,7 +114,7 @@ def read_matrix_npy(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarra
 
 
 def read_matrix_png(path: PathLike, size: Sequence[int] = (32, 32)) -> np.ndarray:
-    r"""Reads a grey PNG image of 8 or 16 bits. The size is checked before the image is
+    r"""Reads a grey PNG image with 8 or 16 bits. The size is checked before the image is
     decompressed, and all checksums are compared. Colour images are errors, since their conversion
     to grey is ambiguous.
 
@@ -200,20 +200,20 @@ _READERS: dict[str, Callable[..., np.ndarray]] = {
     ".png": read_matrix_png,
 }
 _ROW_SUFFIXES = (".npy",)
-#: The suffixes of files of matrices.
+#: The suffixes of files with matrices.
 _MATRIX_SUFFIXES = tuple(sorted(_READERS))
 
 
 def read_matrices(
     path: PathLike, size: Sequence[int] = (32, 32), variable: str | None = None
 ) -> np.ndarray:
-    r"""Reads the matrices of a CSV, MAT, npy or PNG file, according to its suffix.
+    r"""Reads the matrices in a CSV, MAT, npy or PNG file, according to its suffix.
 
     Args:
         path (str or PathLike): The file.
         size (sequence of int): The number of rows and columns of a matrix, or one number for rows
             of readings (npy files only).
-        variable (str, optional): Name of the variable of MAT files.
+        variable (str, optional): Name of the variable in a MAT file.
 
     Returns:
         numpy.ndarray: The numbers in their stored type :math:`(n, \ldots)`.

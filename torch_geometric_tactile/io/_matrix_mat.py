@@ -23,8 +23,8 @@ from torch_geometric_tactile.io._mat_file import (
 def read_matrix_mat(
     path: PathLike, size: Sequence[int] = (32, 32), variable: str | None = None
 ) -> np.ndarray:
-    r"""Reads a matrix, or a stack of matrices of one size, from a MAT file of version 5 to 7. The
-    size is checked before memory is allocated. Version 7.3, which is HDF5, is not supported.
+    r"""Reads a matrix, or a stack of matrices of equal size, from a MAT file of versions 5 to 7.
+    The size is checked before memory is allocated. Version 7.3, which is HDF5, is not supported.
 
     Uncompressed variables have no checksum, so damaged numbers are not detected.
 
@@ -42,9 +42,9 @@ def read_matrix_mat(
         FileNotFoundError: If there is no such file.
         ValueError: If the file is of another format or version, is truncated or damaged, would take
             far more memory than its size, or does not have the variable; if it has several numeric
-            variables and none is named; if the array has another size or type; or if its first and
-            last axis cannot be told apart, since there are as many square matrices as rows. The
-            message names the file.
+            variables and :obj:`variable` names none; if the array has the wrong size or type; or if
+            its first and last axis cannot be told apart, since there are as many square matrices as
+            rows. The message names the file.
 
     Examples:
         >>> import tempfile
@@ -66,8 +66,8 @@ def read_matrix_mat(
 
 
 def read_mat_variables(path: PathLike, names: Sequence[str]) -> dict[str, np.ndarray | list[str]]:
-    r"""Reads variables of a MAT file of version 5 to 7 by their names: full arrays of real numbers,
-    and cell arrays of texts in one row or column. Sizes are checked before memory is allocated, and
+    r"""Reads variables from a MAT file of versions 5 to 7 by name: full arrays of real numbers, and
+    cell arrays of strings in one row or column. Sizes are checked before memory is allocated, and
     other variables are not unpacked. Version 7.3, which is HDF5, is not supported.
 
     Uncompressed variables have no checksum, so damaged numbers are not detected.
@@ -78,13 +78,13 @@ def read_mat_variables(path: PathLike, names: Sequence[str]) -> dict[str, np.nda
 
     Returns:
         dict: The variables by name: numbers in their shape and type in MATLAB (logical values as
-        integers), and texts as lists.
+        integers), and strings as lists.
 
     Raises:
         FileNotFoundError: If there is no such file.
         ValueError: If the file is of another format or version, is truncated or damaged, would take
             far more memory than its size, or does not have a variable exactly once, as numbers or
-            texts. The message names the file.
+            strings. The message names the file.
 
     Examples:
         >>> import tempfile
@@ -107,7 +107,7 @@ def read_mat_variables(path: PathLike, names: Sequence[str]) -> dict[str, np.nda
             if len(matches) != 1 or not (matches[0].is_numeric or matches[0].is_cell):
                 names_in_file = short_list([v.name for v in variables], 10, quoted, ending="")
                 raise ValueError(
-                    f"it must have one array '{name}' of numbers or texts (got {names_in_file})"
+                    f"it must have one array '{name}' of numbers or strings (got {names_in_file})"
                 )
             if matches[0].is_cell:
                 content[name] = mat_texts(matches[0], order)

@@ -1,4 +1,4 @@
-r"""The output file of an MCAP writer, which stays valid after a failed write."""
+r"""The output file of an MCAP writer. It stays valid after a failed write."""
 
 import os
 from contextlib import suppress
@@ -11,7 +11,7 @@ _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 
 
 def require_mcap() -> Any:
-    r"""Returns :obj:`mcap.writer`, or raises an error that says how to install it."""
+    r"""Returns :obj:`mcap.writer`, or raises an error with the command that installs it."""
     try:
         import mcap.writer
         import zstandard  # noqa: F401 - the compression of chunks
@@ -41,7 +41,7 @@ class McapOutput:
             self._handle = os.open(path, flags | (0 if overwrite else os.O_EXCL), 0o666)
         except FileExistsError as error:
             raise FileExistsError(
-                f"'{path}' exists: give another name, or overwrite it (--overwrite)"
+                f"'{path}' exists: choose another name, or overwrite it (--overwrite)"
             ) from error
         try:
             # Truncated only after the lock, since another process may be writing the file.

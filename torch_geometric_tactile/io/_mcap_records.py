@@ -4,9 +4,10 @@ The `format <https://mcap.dev/spec>`_ is a sequence of records (type, length, co
 in compressed chunks, each with its CRC-32. An index of the chunks is at the end of the file. A
 truncated file has no index, so readers that start with the index cannot read it.
 
-The library parses single records from their bytes, so that a wrong length in a record cannot reach
-beyond it. The library's readers of files are not used: they allocate the memory that compressed
-data declare, create objects of all messages of a chunk at once, and stop at the first damage.
+The library parses single records from their bytes, so a wrong length in a record cannot reach
+beyond the record. The library's file readers are not used, because they allocate the memory that
+compressed data declare, create objects for all messages of a chunk at once, and stop at the first
+damage.
 """
 
 import json
@@ -41,7 +42,7 @@ class Damaged(Exception):  # noqa: N818 - never leaves the readers
 
 @dataclass
 class Scan:
-    r"""Reads the records of a file in order, and collects its damage.
+    r"""Reads the records of a file in order, and collects descriptions of damage.
 
     Args:
         path (Path): The file.
@@ -56,7 +57,7 @@ class Scan:
     chunks: int = 0
 
     def records(self) -> Iterator[tuple[int, Any]]:
-        r"""Yields the type and the parsed record of each record. Records that are repeated in the
+        r"""Yields the type and the parsed content of each record. Records that are repeated in the
         summary at the end of the file come first, in case the first chunk is damaged.
         """
         with self.path.open("rb") as file:
@@ -254,5 +255,5 @@ def _read_summary(file: BinaryIO, size: int) -> tuple[list[tuple[int, Any]], str
 
 
 def texts_checksum(texts: Mapping[str, str]) -> int:
-    r"""Returns the CRC-32 of the texts and their names in the metadata of a recording."""
+    r"""Returns the CRC-32 of the strings and their names in the metadata of a recording."""
     return zlib.crc32(json.dumps(sorted(texts.items())).encode())

@@ -1,8 +1,8 @@
 r"""Protobuf schemas of the messages in MCAP recordings, and encoding and decoding of the messages.
 
 The schemas are built in Python, without generated code, and each file contains them. The bytes of
-:obj:`tactile` are packed :obj:`float`: viewers show single readings by their index, and this
-package reads one array. :obj:`foxglove.PointCloud` is the
+:obj:`tactile` are packed :obj:`float`, so that viewers can show single readings by index and this
+package can read one array. :obj:`foxglove.PointCloud` is the
 `schema of Foxglove <https://docs.foxglove.dev/docs/sdk/schemas/point-cloud>`_.
 """
 
@@ -112,13 +112,15 @@ FLOAT32 = _NUMERIC_TYPE.index("FLOAT32")
 
 
 def frame_schema(has_actions: bool) -> bytes:
-    r"""Returns the schema of frames in a file. Without actions, it is that of earlier versions."""
+    r"""Returns the schema of frames in a file. Without actions, it equals the schema of earlier
+    versions.
+    """
     return message_schema(FRAME, () if has_actions else ("action",))
 
 
 def message_schema(message: str, without: Collection[str] = ()) -> bytes:
-    r"""Returns the schema of a message and of its parts as a serialized :obj:`FileDescriptorSet`
-    of protobuf, without some fields of the message.
+    r"""Returns the schema of a message and of its parts as a serialized protobuf
+    :obj:`FileDescriptorSet`, leaving out the fields in :obj:`without`.
     """
     pb = _import_descriptors()
     descriptors = pb.FileDescriptorSet()
@@ -137,8 +139,8 @@ def message_schema(message: str, without: Collection[str] = ()) -> bytes:
 
 
 def schema_problem(data: bytes) -> str:
-    r"""Returns the first conflict of the schema in a file with the schema of frames in this
-    package, or an empty text.
+    r"""Returns the first conflict between the schema in a file and the schema of frames in this
+    package, or an empty string.
     """
     if data in (frame_schema(False), frame_schema(True)):
         return ""
@@ -233,7 +235,7 @@ def _message_class(message: str) -> Any:
 
 
 def encode(message: str, values: Mapping[str, Any]) -> bytes:
-    r"""Encodes a message by protobuf. Values that are :obj:`None` or not fields are left out."""
+    r"""Encodes a message with protobuf. Values that are :obj:`None` or not fields are left out."""
     field_values = {
         name: _to_plain_value(values[name]) for name in MESSAGES[message] if name in values
     }
@@ -251,7 +253,7 @@ def _to_plain_value(value: Any) -> Any:
 
 
 def decode(message: str, data: bytes | memoryview) -> Any:
-    r"""Decodes a message to an object of protobuf. Unknown fields are ignored."""
+    r"""Decodes a message to a protobuf object. Unknown fields are ignored."""
     try:
         return _message_class(message).FromString(bytes(data))
     except Exception as error:  # DecodeError, whose module depends on the version

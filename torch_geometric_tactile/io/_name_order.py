@@ -20,8 +20,8 @@ def check_name_order(
     path: Path, argument: str, names: Sequence[str], num_channels: int = 1
 ) -> None:
     r"""Raises an error if the order of columns in a file contradicts the numbers or axes in their
-    names. It applies to columns that were selected by an expression or by default; a list of names
-    is taken as it is.
+    names. Use it for columns that are selected by an expression or by default. The order of an
+    explicit list of names needs no check.
 
     Args:
         path (Path): The file, for the message.
@@ -45,27 +45,29 @@ def check_name_order(
     numeric_order = _numeric_order(keys)
     if numeric_order is not None:
         order = [names[i] for i in numeric_order]
-        raise _order_error(path, argument, names, order, "of text and not of the numbers in")
+        raise _order_error(path, argument, names, order, "as text", "by number")
     if _is_axis_major(keys, num_channels):
         num_taxels = len(names) // num_channels
         order = [name for taxel in range(num_taxels) for name in names[taxel::num_taxels]]
-        problem = (
-            f"of one axis after the other and not of taxels with {num_channels} channels, as in"
-        )
-        raise _order_error(path, argument, names, order, problem)
+        raise _order_error(path, argument, names, order, "by axis", "by taxel")
 
 
 def _order_error(
-    path: Path, argument: str, names: Sequence[str], order: Sequence[str], problem: str
+    path: Path,
+    argument: str,
+    names: Sequence[str],
+    order: Sequence[str],
+    file_order: str,
+    expected_order: str,
 ) -> ValueError:
     def join_names(names: Sequence[str]) -> str:
         return short_list(names, _MAX_LISTED, lambda name: quoted(name)[1:-1], ending=", ...")
 
     quoted_names = short_list(order, _MAX_LISTED, quoted, ending=", ...")
     return ValueError(
-        f"'{argument}' must list the columns of '{path}' in the order of the layout, since their "
-        f"order in the file, {join_names(names)}, is that {problem} the names, "
-        f"{join_names(order)}: give {argument}=[{quoted_names}], or the list in the order of the "
+        f"'{argument}' must list the columns of '{path}' in the order of the layout, since the "
+        f"file has them sorted {file_order} ({join_names(names)}) and not {expected_order} "
+        f"({join_names(order)}): give {argument}=[{quoted_names}], or the list in the order of the "
         "file if that order is correct"
     )
 
@@ -121,7 +123,7 @@ def _is_axis_major(keys: Sequence[str], num_channels: int) -> bool:
 
 
 def _differing_parts(keys: Sequence[str]) -> list[tuple[str, str]]:
-    # For each name, the text in which it differs from the others, and the word that contains it.
+    # For each name, the part in which it differs from the others, and the word that contains it.
     start = _common_prefix_length(keys)
     end = _common_prefix_length([key[start:][::-1] for key in keys])
     parts = []

@@ -1,4 +1,4 @@
-r"""Reader of recordings in CSV files with any column names, such as those of a glove's logger."""
+r"""Reader of recordings in CSV files with any column names, such as the files of a glove."""
 
 import re
 from collections.abc import Sequence
@@ -67,48 +67,49 @@ def read_named_csv(
 
     Args:
         path (str or PathLike): The file.
-        tactile (sequence of str or str, optional): The columns of the readings: the channels of the
-            first taxel of the layout, of the second taxel, and so on. Or a regular expression for
-            their names, in the order of the file. Defaults to all columns without another role.
-            If the names contradict the order of the file, this is an error: columns sorted as text
-            (s0, s1, s10, s2), or by axis (x0, x1, y0, y1) with several channels.
+        tactile (sequence of str or str, optional): The columns of the readings. A list names the
+            channels of the first taxel of the layout, then of the second taxel, and so on. A string
+            is a regular expression for full names, in the order of the file. Defaults to all
+            columns without another role. With an expression or by default, it is an error if the
+            order of the file contradicts the names: columns sorted as text (s0, s1, s10, s2), or by
+            axis (x0, x1, y0, y1) with several channels.
         num_channels (int): Number of channels of a taxel :math:`C`.
-        joint (sequence of str or str): The columns of the joint angles, or a regular expression for
-            their names. Angles are in degrees if the name ends in :obj:`_deg`, :obj:`(deg)`,
-            :obj:`[deg]` or :obj:`/deg`, or with the sign of degrees, and otherwise in radians.
-        time (str, optional): The column of the time. Defaults to a column named :obj:`time`,
+        joint (sequence of str or str): The columns of the joint angles, as in :obj:`tactile`.
+            Angles are in degrees if the name ends in :obj:`_deg`, :obj:`(deg)`, :obj:`[deg]`,
+            :obj:`/deg` or a degree sign, otherwise in radians.
+        time (str, optional): The time column. Defaults to a column named :obj:`time`,
             :obj:`timestamp` or :obj:`t` (in any case), which may end in a unit, as in
-            :obj:`time_ms` or :obj:`Time [ms]`. It holds numbers, dates of ISO 8601 (seconds since
-            1970 of UTC) or times of a day (:obj:`10:00:00.25`).
+            :obj:`time_ms` or :obj:`Time [ms]`. It holds numbers, ISO 8601 dates (returned as
+            seconds since 1970 in UTC) or times of day (:obj:`10:00:00.25`).
         time_unit (str, optional): Unit of the time, :obj:`"s"`, :obj:`"ms"`, :obj:`"us"`,
             :obj:`"ns"`, :obj:`"min"`, :obj:`"h"` or :obj:`"d"` (days). Defaults to the unit in the
-            name, or else seconds.
-        label (str, optional): The column of the label, with integers or texts. If it is the same in
-            all frames, it becomes the :obj:`label` of the recording. Otherwise it is stored in
+            name, else to seconds.
+        label (str, optional): The column of the label, with integers or strings. If it is the same
+            in all frames, it becomes the :obj:`label` of the recording. Otherwise it is stored in
             :obj:`privileged` under its name.
         extra (sequence of str): Columns of other numbers, such as a measured force, for
             :obj:`extra`.
         ignore (sequence of str): Columns that are not read.
         unit (str, optional): Unit of the readings, :obj:`"count"` or :obj:`"newton"`, for
             :obj:`meta`.
-        rate (float, optional): Frames per second, which files without time need. With a time, it
-            suppresses the warning about the unit of the time if it agrees with the time.
+        rate (float, optional): Frames per second. Required for files without time. In files with a
+            time, a matching rate suppresses the warning about the unit of the time.
         csv_format (CsvFormat): Separator, decimal sign, encoding, and missing readings.
         num_frames (int, optional): The number of frames to read from the start of the file.
             Defaults to all frames.
 
-    The names of columns that were selected by an expression or by default are in
-    :obj:`meta["column_names"]`. With them, a data set or a predictor reorders the columns of other
+    The names of columns that were selected by an expression or by default are stored in
+    :obj:`meta["column_names"]`. A data set or a predictor uses them to reorder the columns of other
     files.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If a column is missing or named twice, an expression matches no column, neither
-            a time nor :obj:`rate` is given, a column selected by default is a frame number, the
+        ValueError: If a column is missing or named twice, an expression matches no column, there is
+            neither a time nor :obj:`rate`, a column selected by default is a frame number, the
             names are numbers or an index of pandas, or contradict the order of the columns, the
             number of readings is not a multiple of the channels, a line is empty or truncated or
-            has another number of cells, a cell is not a finite number, the time does not increase,
-            or there is no frame. The message names the line.
+            has a different number of cells, a cell is not a finite number, the time does not
+            increase, or there is no frame. The message names the line.
 
     Examples:
         >>> import tempfile
@@ -135,7 +136,7 @@ def read_named_csv(
     names = columns.names
     if columns.time is None and rate is None:
         raise ArgumentError(
-            f"'{path}' must have a column of the time (got {_join_names(names)}): give its name ",
+            f"'{path}' must have a time column (got {_join_names(names)}): give its name ",
             *("as ", Argument("time"), ", or the frames per second as ", Argument("rate")),
             " if there is none; if lines come before the header, give their number as ",
             Argument("preamble"),
@@ -145,7 +146,7 @@ def read_named_csv(
             f"'{path}' must have columns of readings for taxels of {num_channels} channels (got "
             f"{len(columns.tactile)}: {_join_names([names[i] for i in columns.tactile])})"
         )
-    # Columns given as a list keep the order of the list.
+    # Columns in a list keep the order of the list.
     selections = {"tactile": (tactile, columns.tactile), "joint": (joint, columns.joint)}
     in_file_order = {
         key: [names[i] for i in indices]
@@ -185,7 +186,7 @@ class _Roles(NamedTuple):
 
 
 def _add_label_advice(error: ValueError, is_default_selection: bool) -> ValueError:
-    # A column of text that was taken as a reading by default is often the label.
+    # A column of text that was read as a reading by default is often the label.
     is_text = isinstance(error, ArgumentError) and error.argument == Argument("missing")
     if not is_default_selection or not is_text or not isinstance(error, ArgumentError):
         return error
@@ -227,7 +228,7 @@ def _find_columns(
     label_column = None if label is None else find_column(label)
     joints = find_selected("joint", roles.joint)
     extra_columns = [find_column(name) for name in roles.extra]
-    # An empty name at the end of a header is no column any more.
+    # An empty name at the end of a header is not a column any more.
     ignored = [find_column(name) for name in roles.ignore if name or name in column_of_name]
     used = {label_column, *joints, *extra_columns, *ignored}
     if roles.time is None:
@@ -277,8 +278,8 @@ def _find_time_column(
     times = [i for i, name in enumerate(normalized) if name_to_time_unit(name) and i not in used]
     if len(times) > 1:
         raise ValueError(
-            f"'{path}' must have one column of the time (got "
-            f"{_join_names([names[i] for i in times])}): give it as 'time', and the other ones as "
+            f"'{path}' must have one time column (got "
+            f"{_join_names([names[i] for i in times])}): give it as 'time', and the others as "
             "'ignore'"
         )
     return times[0] if times else None
@@ -339,7 +340,7 @@ def _label_content(path: Path, name: str, cells: Sequence[str], first_line: int)
             f"{labels.index('')})"
         )
     is_integer = all(map(_INTEGER.fullmatch, labels))
-    # Labels are integers only if all of them are, so that '1' and '1a' stay texts.
+    # Labels are integers only if all of them are, so that '1' and '1a' stay strings.
     label_values = np.array([int(text) for text in labels]) if is_integer else np.array(labels)
     if len(set(label_values.tolist())) == 1:
         return {"label": label_values[0].item()}

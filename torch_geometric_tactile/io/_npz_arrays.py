@@ -46,7 +46,7 @@ class NpzArrays:
             if not entry.filename.isascii() and not entry.flag_bits & _UTF8_NAME:
                 raise ValueError(f"the name {entry.filename!r} has an unknown encoding")
             if name == entry.filename or name in self._entries:
-                raise ValueError(f"its part {entry.filename!r} is not an array, or is there twice")
+                raise ValueError(f"its part {entry.filename!r} is not an array, or is repeated")
             check_packing(entry)
             self._entries[name] = entry
         # A wrong length in the table of contents hides the next entry.
@@ -113,7 +113,7 @@ def read_array_header(file: IO[bytes], name: str) -> tuple[ArrayHeader, int]:
             f"its array '{name}' is in the unknown version {version} of NumPy's format"
         )
     if dtype.kind not in "biufU" or not dtype.itemsize:
-        raise ValueError(f"its array '{name}' must hold numbers or texts (got {dtype})")
+        raise ValueError(f"its array '{name}' must hold numbers or strings (got {dtype})")
     need(not any(size < 0 for size in shape), f"its array '{name}' has the shape {shape}")
     num_bytes = math.prod(shape) * dtype.itemsize
     return ArrayHeader(shape, fortran_order, dtype, num_bytes), file.tell()

@@ -1,7 +1,8 @@
-r"""Safe reader of pickles with lists, dicts and NumPy arrays of numbers. No code in a file is run.
+r"""A safe reader of pickles with lists, dicts and NumPy arrays of numbers. No code in a file is
+run.
 
 Python's unpickler calls any function that a file names. This reader uses :mod:`pickletools` only to
-parse the steps of a file. It executes the few steps that create containers, texts, numbers and
+parse the steps of a file. It executes the few steps that create containers, strings, numbers and
 arrays, and raises an error for any other step or name.
 """
 
@@ -32,8 +33,8 @@ _PLAIN_DTYPE_STATE = (None, None, None, -1, -1, 0)  # of a dtype of numbers: no 
 
 
 def read_numpy_pickle(path: Path) -> Any:
-    r"""Reads a pickle (protocols 3 to 5) of lists, tuples, dicts with texts as keys, texts, bytes,
-    numbers and NumPy arrays or scalars of numbers.
+    r"""Reads a pickle (protocols 3 to 5) of lists, tuples, dicts with strings as keys, strings,
+    bytes, numbers, and NumPy arrays or scalars of numbers.
 
     Arrays may be read-only. No array is larger than its bytes in the file, but a list may hold the
     same array many times.

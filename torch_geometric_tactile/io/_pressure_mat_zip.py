@@ -1,4 +1,4 @@
-r"""Reader of the zip file of PhysioNet's pressure mat data."""
+r"""Reader of the zip file with PhysioNet's pressure mat data."""
 
 import hashlib
 import io
@@ -40,12 +40,12 @@ class MatFile(NamedTuple):
 
 
 def read_pressure_mat_zip(path: PathLike, experiment: str = "i") -> list[MatFile]:
-    r"""Reads the files of one experiment of `A Pressure Map Dataset for In-bed Posture
+    r"""Reads the files of one experiment in `A Pressure Map Dataset for In-bed Posture
     Classification <https://physionet.org/content/pmd/1.0.0/>`_, sorted by person, mattress and
     posture.
 
-    They are text files of integers. In experiment I, a line holds the 64 x 32 readings of a frame.
-    In experiment II, a file holds one frame, with a line for each of 64 rows of 27 readings.
+    The files contain integers as text. In experiment I, each line holds the 64 x 32 readings of a
+    frame. In experiment II, each file holds one frame in 64 lines of 27 readings.
 
     Args:
         path (str or PathLike): The zip file.
@@ -54,7 +54,7 @@ def read_pressure_mat_zip(path: PathLike, experiment: str = "i") -> list[MatFile
     Raises:
         FileNotFoundError: If there is no such file.
         ValueError: If the file is not a zip file or is damaged, would take more than 1 GiB and 200
-            times its size, has no file of the experiment, a file above 16 MiB or two files of the
+            times its size, has no file of the experiment, a file above 16 MiB or two files with the
             same name, or if a line has an invalid reading or number of readings. The message names
             the zip file and the file in it.
 
@@ -101,8 +101,8 @@ def pressure_mat_hash(path: PathLike) -> str:
         FileNotFoundError: If there is no such file.
         ValueError: If the file is not a zip file or is damaged, would take more than 1 GiB and 200
             times its size, has no list of checksums, if a listed file is missing or differs, or if
-            a file of readings is not listed or is there twice. The message names the zip file and
-            the file in it.
+            a file of readings is not listed or is repeated. The message names the zip file and the
+            file in it.
     """
     with _open_archive(path) as archive:
         entries = _entries_by_name(archive)
@@ -111,7 +111,7 @@ def pressure_mat_hash(path: PathLike) -> str:
         for line in checksums.decode("ascii", "replace").splitlines():
             checksum, _, name = line.partition(" ")
             name = name.strip()
-            # Each entry is compared only once, also if it is listed repeatedly.
+            # Each entry is compared only once, even if it is listed repeatedly.
             entry = entries.pop(name, None)
             if entry is None or _entry_sha256(archive, entry) != checksum:
                 raise ValueError(
@@ -143,7 +143,7 @@ def _open_archive(path: PathLike) -> Iterator[zipfile.ZipFile]:
 
 
 def _entries_by_name(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
-    # By their names inside the top folder.
+    # By the names inside the top folder.
     entries: dict[str, zipfile.ZipInfo] = {}
     for entry in archive.infolist():
         inner = _inner_name(entry.filename)

@@ -1,5 +1,5 @@
-r"""Recordings as npz files, which need only NumPy. Texts are arrays without dimensions. Nothing is
-pickled.
+r"""Recordings as npz files, which need only NumPy. Strings are stored as arrays without dimensions.
+Nothing is pickled.
 """
 
 import json
@@ -60,15 +60,15 @@ def read_npz(path: PathLike, allow_large: bool = False) -> Recording:
     checksums are compared.
 
     Args:
-        path (str or PathLike): A file of :meth:`write_npz`.
+        path (str or PathLike): A file written by :meth:`write_npz`.
         allow_large (bool): Whether to read a file whose arrays take more than 1 GiB and more than
             200 times its size, as in a hostile file.
 
     Raises:
         FileNotFoundError: If there is no such file.
         ValueError: If the file is not an npz file, is truncated or damaged, holds pickled objects,
-            would take far more memory than its size, lacks a field or has an unknown one, or is of
-            another version. The message names the file.
+            would take far more memory than its size, or has a missing field, an unknown field or an
+            unsupported version. The message names the file.
 
     Examples:
         >>> import tempfile
@@ -115,7 +115,7 @@ def _find_problem(shapes: dict[str, tuple[int, ...]]) -> str:
             groups = " and ".join(f"'{group}...'" for group in GROUPS)
             return f"it must hold only {sorted(valid_names)}, {groups} (got {name!r})"
         if name in _TEXTS and shape:
-            return f"'{name}' must be one text (got shape {shape})"
+            return f"'{name}' must be one string (got shape {shape})"
         if name not in _TEXTS and num_frames and shape and shape[:1] != num_frames:
             return f"'{name}' must have {num_frames[0]} frames, as 'time' has (got {shape[0]})"
     return ""

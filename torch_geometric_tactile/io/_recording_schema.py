@@ -9,7 +9,7 @@ r"""Names, versions and checks of recordings in HDF5 and npz files.
 ``action``             commands, float32 :math:`(T, A)`; absent without commands
 ``privileged/<name>``  signals known only in simulation, :math:`(T, ...)`
 ``extra/<name>``       further signals, :math:`(T, ...)`
-``label``              JSON text: a text, an integer or null
+``label``              JSON text: a string, an integer or null
 ``meta``               JSON text: an object
 ``annotations``        JSON text: a list of [start, end, label]; absent if empty
 =====================  ====================================================================
@@ -81,7 +81,7 @@ def check_version(path: Path, version: Any) -> None:
 def recording_from_fields(
     path: Path, arrays: Mapping[str, np.ndarray], texts: Mapping[str, Any]
 ) -> Recording:
-    r"""Returns a recording from the arrays and texts of a file.
+    r"""Returns a recording from the arrays and JSON texts in a file.
 
     Raises:
         ValueError: If a field is missing or invalid. The message names the file.
@@ -91,7 +91,7 @@ def recording_from_fields(
             raise missing_field(path, name)
     for name in ("time", "tactile", "joint", "action"):
         if name in arrays and arrays[name].dtype.kind == "b":
-            raise ValueError(f"'{path}' must hold numbers in '{name}' (got truth values)")
+            raise ValueError(f"'{path}' must hold numbers in '{name}' (got booleans)")
     values = {}
     for name in ("label", "meta", "annotations"):
         if name not in texts and name != "annotations":

@@ -1,5 +1,5 @@
 r"""Recordings as CSV files with one frame per row: time, the axes of each taxel, and joints. The
-hand data of the papers have this format (384 taxels of 3 axes and 16 joints: 1168 columns).
+papers' hand data have this format (384 taxels with 3 axes and 16 joints: 1168 columns).
 """
 
 import logging
@@ -51,9 +51,9 @@ def write_wide_csv(recording: Recording, path: PathLike) -> None:
     r"""Writes a recording as a CSV file with a header and the time in the first column. The file is
     either complete or absent.
 
-    Reading the file gives equal readings. Annotations are written to the ``annotations.csv`` beside
-    the file. Label, metadata, further and privileged signals are not stored, and a warning lists
-    them.
+    The readings in the file are exact. Annotations are written to the ``annotations.csv`` beside
+    the file. Label, metadata, further signals and privileged signals are not stored, and a warning
+    lists them.
 
     Args:
         recording (Recording): The recording.
@@ -113,16 +113,16 @@ def read_wide_csv(
 ) -> Recording:
     r"""Reads a recording from a CSV file with one frame per row.
 
-    The names in the first line are those of :meth:`write_wide_csv`, in any order: :obj:`time`,
-    :obj:`taxel_0_x`, :obj:`taxel_0_y`, ..., :obj:`joint_0`, ..., :obj:`action_0`, ... A name of a
+    The names in the first line are as in :meth:`write_wide_csv`, in any order: :obj:`time`,
+    :obj:`taxel_0_x`, :obj:`taxel_0_y`, ..., :obj:`joint_0`, ..., :obj:`action_0`, ... The name of a
     time, a joint or a reading may end in a unit:
     :obj:`time_ms`, :obj:`time_us`, :obj:`time_ns`, :obj:`time_min`, :obj:`time_h`, :obj:`time_d`,
     :obj:`joint_0_deg`, :obj:`taxel_0_x_n` (newtons), :obj:`taxel_0_x_mn` (millinewtons) and
-    :obj:`taxel_0_x_count`. The unit of the readings is the :obj:`unit` in the metadata. Empty cells
-    and :obj:`nan` are missing readings.
+    :obj:`taxel_0_x_count`. The unit of the readings becomes the :obj:`unit` in the metadata. Empty
+    cells and :obj:`nan` are missing readings.
 
     A file without names must have its columns in this order, with the time first if there is one
-    more column. Its sizes must be given, unless they are those of the hand data.
+    more column. The sizes default to the papers' hand data and must be set for other files.
 
     Args:
         path (str or PathLike): The file.
@@ -139,8 +139,8 @@ def read_wide_csv(
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If a name is unknown, missing or there twice, a line is empty or truncated or
-            has another number of cells, a cell is not a finite number, the time does not increase,
+        ValueError: If a name is unknown, missing or repeated, a line is empty or truncated or has a
+            different number of cells, a cell is not a finite number, the time does not increase,
             there is no frame, the header contradicts the arguments, or pandas added a numbered
             header or an index. The message names the line.
 
@@ -178,8 +178,9 @@ def read_wide_csv(
         frame_numbers = [str(i) for i in range(len(frames.tactile))]
         if len(frame_numbers) > 1 and frames.time_cells == frame_numbers:
             raise ValueError(
-                f"'{path}' must have the time in seconds in its first column (got 0, 1, 2, ..., as "
-                "the index of pandas): write the file with to_csv(index=False), or name the columns"
+                f"'{path}' must have the time in seconds in its first column (got 0, 1, 2, ..., "
+                "like an index of pandas): write the file with to_csv(index=False), or name the "
+                "columns"
             )
     if columns.time_unit == "s" and not frames.has_dates:
         warn_of_unit(path, frames.time, "name the column time_{}")
@@ -219,8 +220,8 @@ def _columns_by_name(
     path: Path, names: list[str], lower_names: Sequence[str], sizes: Mapping[str, int | None]
 ) -> FrameColumns:
     r"""Returns the columns of a header, which may be in any order. :obj:`lower_names` are the names
-    in lower case with their units. The sizes of the header must agree with :obj:`sizes`, as far as
-    these are given.
+    in lower case with their units. The sizes in the header must match the :obj:`sizes` that are
+    not :obj:`None`.
     """
     times = [i for i, key in enumerate(lower_names) if name_to_time_unit(key)]
     taxels = {
@@ -247,8 +248,7 @@ def _columns_by_name(
         )
     if len(times) > 1:
         raise ValueError(
-            f"'{path}', line 1 must have one column of the time (got "
-            f"{', '.join(names[i] for i in times)})"
+            f"'{path}', line 1 must have one time column (got {', '.join(names[i] for i in times)})"
         )
     keys = {i: f"taxel_{int(m[1])}_{m[2]}" for i, m in taxels.items()}
     keys |= {i: f"joint_{int(m[1])}" for i, m in joints.items()}
@@ -302,8 +302,8 @@ def _column_name_error(path: Path, name: str) -> ValueError:
 
 
 def is_named_csv_header(row: Sequence[str]) -> bool:
-    r"""Returns whether a line is a header for :func:`read_named_csv`: no name is one of a taxel of
-    :func:`write_wide_csv`, and the number of columns is not that of the hand data.
+    r"""Returns whether a line is a header for :func:`read_named_csv`: it has no taxel
+    names as in :func:`write_wide_csv`, and its number of columns differs from the hand data.
     """
     if (
         not row

@@ -34,21 +34,21 @@ def read_xela_log_csv(
     r"""Reads a recording from a XELA log with the header ``Receive time,Send time,Message
     number,1X,1Y,1Z,...`` and, for a calibrated sensor, ``Force 1X,Force 1Y,Force 1Z,...``.
 
-    The log has about 500 rows per second, and most of them repeat the readings of the previous row
-    with a new number and time. Rows with the readings, the number or the send time of the previous
-    row are left out, and :obj:`"stale_rows"` in the metadata is their number.
+    The log has about 500 rows per second. Most rows repeat the readings of the previous row with a
+    new number and time. Rows with the readings, the number or the send time of the previous row are
+    left out, and :obj:`"stale_rows"` in the metadata is their number.
 
     Args:
         path (str or PathLike): The file. The columns of its header may be in any order, and taxels
             may be numbered from 1 or from 0.
         forces (bool): Whether to read the forces in newtons instead of the counts.
-        csv_format (CsvFormat): Separator, decimal sign, encoding, and missing readings, if another
-            program has saved the file.
+        csv_format (CsvFormat): Separator, decimal sign, encoding, and missing readings, for files
+            that another program has saved.
         num_frames (int, optional): The number of rows to read from the start of the file. Defaults
             to all rows.
 
     Returns:
-        Recording: The send time in seconds since 1970, and the readings of the three axes.
+        Recording: The readings of the three axes, with the send time in seconds since 1970.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -84,7 +84,7 @@ def read_xela_log_csv(
     for name in _REQUIRED_COLUMNS:
         if name not in column_of_key:
             raise ValueError(
-                f"'{path}' must have the column '{name.capitalize()}', as a log of xela_log (got "
+                f"'{path}' must have the column '{name.capitalize()}', as xela_log writes it (got "
                 f"{short_list(header, 3, quoted, ending='')})"
             )
     counts, newtons = (_reading_columns(path, column_of_key, start) for start in (None, "force "))

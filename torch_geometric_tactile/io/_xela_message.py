@@ -1,10 +1,13 @@
 r"""Parsing of single JSON messages of XELA's server, fast enough for a live hand.
 
 A message is ``{"message": 2987, "time": ..., "sensors": 1, "type": "routine", "version": ..., "1":
-{...}, "sendtime": ...}`` with one key for each sensor, and in it ``data`` (three hexadecimal words
-for each taxel: x, y, z), ``integer`` (the same as numbers), on some models ``calibrated``
-(newtons), ``temp`` and ``ups`` (updates per second) of each taxel, ``model``, ``taxels`` and
-``handedness``, which is "right" in captures of left hands too.
+{...}, "sendtime": ...}`` with one key for each sensor. The value of a sensor has these keys:
+
+* ``data``: three hexadecimal words for each taxel (x, y, z);
+* ``integer``: the same as numbers;
+* ``calibrated``: forces in newtons, on some models;
+* ``temp`` and ``ups``: the temperature and the updates per second of each taxel;
+* ``model``, ``taxels`` and ``handedness``, which is "right" even in captures of left hands.
 """
 
 import json
@@ -25,7 +28,7 @@ try:
 except ImportError:  # part of the extra `live`; without it, parsing takes twice as long
     _orjson = None
 
-# Some servers send line breaks within texts, which strict JSON forbids.
+# Some servers send line breaks within strings, which strict JSON forbids.
 _JSON = json.JSONDecoder(strict=False)
 _HEX_WORD = re.compile(r"[0-9A-Fa-f]{1,4}")
 _MAX_COUNT = 0xFFFF
@@ -38,7 +41,7 @@ XELA_VERSION = "1.8.0"
 class XelaFrame(NamedTuple):
     r"""The content of one message of XELA's server.
 
-    :obj:`reading` are counts or newtons :math:`(N, 3)` of all sensors in the order of their
+    :obj:`reading` holds counts or newtons :math:`(N, 3)` of all sensors in the order of their
     numbers. :obj:`taxels`, :obj:`models` and :obj:`handedness` have one entry for each sensor.
     :obj:`time` is in seconds since 1970. :obj:`temp` and :obj:`ups` are the temperature in kelvins
     and the updates per second of each taxel :math:`(N,)`. They are NaN for unreadable values, and
@@ -67,12 +70,13 @@ def parse_xela_message(message: Mapping[str, Any], forces: bool = False) -> Xela
 
     Args:
         message (Mapping): The message from :func:`json.loads`, with :obj:`strict=False`, since some
-            servers send line breaks within texts.
+            servers send line breaks within strings.
         forces (bool): Whether to read the forces in newtons instead of the counts.
 
     Raises:
-        ValueError: If a field is missing, ``data`` and ``integer`` or a sensor and its key differ,
-            a number of taxels or sensors is wrong, or a sensor has no forces with :obj:`forces`.
+        ValueError: If a field is missing, ``data`` and ``integer`` differ, a sensor differs from
+            its key, a number of taxels or sensors is wrong, or a sensor has no forces although
+            :obj:`forces` is set.
 
     Examples:
         >>> message = format_xela_message(np.full((4, 3), 30000), 7, time=1.5e9, taxels=[1, 3])
@@ -168,14 +172,14 @@ def _parse_unless_greeting(message: Any, forces: bool) -> XelaFrame | None:
 
 
 def sensor_keys(message: Mapping[str, Any]) -> list[str]:
-    r"""Returns the keys of the sensors of a message in the order of their numbers."""
+    r"""Returns the keys of the sensors in a message in the order of their numbers."""
     return sorted([n for n in message if isinstance(n, str) and _SENSOR_KEY.fullmatch(n)], key=int)
 
 
 def _text_field(where: str, content: Mapping[str, Any], key: str) -> str:
     text = content.get(key, "")
     if not isinstance(text, str):
-        raise ValueError(f"'{key}' of {where} must be a text (got {short_repr(text)})")
+        raise ValueError(f"'{key}' of {where} must be a string (got {short_repr(text)})")
     return text
 
 
@@ -238,7 +242,7 @@ def _parse_sensor(where: str, key: str, sensor: Any, forces: bool) -> "array[Any
 def _parse_counts(where: str, data: Any) -> "array[int]":
     if not isinstance(data, str):
         raise ValueError(
-            f"'data' of {where} must be a text of hexadecimal words (got {short_repr(data)})"
+            f"'data' of {where} must be a string of hexadecimal words (got {short_repr(data)})"
         )
     regular_counts = _parse_regular_words(data.replace(",\n", ","))
     if regular_counts is not None:
@@ -304,7 +308,7 @@ def format_xela_message(
     forces: np.ndarray | None = None,
     version: str = XELA_VERSION,
 ) -> dict[str, Any]:
-    r"""Returns one message in the form of XELA's server, ready for :func:`json.dumps`.
+    r"""Returns one message in the format of XELA's server, ready for :func:`json.dumps`.
 
     Args:
         counts (numpy.ndarray): Counts of all taxels :math:`(N, 3)`, integers from 0 to 65535.

@@ -1,4 +1,4 @@
-r"""Recordings as files of JSON messages, as sent by the WebSocket of XELA's server."""
+r"""Recordings as files of JSON messages, as the WebSocket of XELA's server sends them."""
 
 import json
 import logging
@@ -31,24 +31,24 @@ def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
     r"""Reads a recording from a file of messages of XELA's server.
 
     A message may take one or several lines, and log lines may be between messages. A greeting
-    (``{"message": "Welcome"}``) is skipped. Messages with the number of the previous one are left
-    out, and :obj:`"repeated_messages"` in the metadata is their number. Messages with sensors and a
-    text instead of a number are also left out, and :obj:`"skipped_messages"` is their number. The
-    metadata also hold :obj:`"models"`, :obj:`"taxels"` and :obj:`"handedness"` of the sensors, and
-    :obj:`"server_version"`. The handedness of the server may be wrong, so
-    :obj:`"handedness_reliable"` is false.
+    (``{"message": "Welcome"}``) is skipped. Two kinds of messages are left out, and the metadata
+    have their numbers: messages with the number of the previous message
+    (:obj:`"repeated_messages"`), and messages with sensors and a string instead of a number
+    (:obj:`"skipped_messages"`). The metadata also have :obj:`"models"`, :obj:`"taxels"` and
+    :obj:`"handedness"` of the sensors, and :obj:`"server_version"`. The handedness of the server
+    may be wrong, so :obj:`"handedness_reliable"` is false.
 
     Args:
         path (str or PathLike): The file.
         forces (bool): Whether to read the forces in newtons instead of the counts.
 
     Returns:
-        Recording: The time of the messages in seconds since 1970, and the readings of all sensors
-        in the order of their numbers.
+        Recording: The readings of all sensors in the order of their numbers, with the times of the
+        messages in seconds since 1970.
 
     Raises:
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is truncated, holds no message or an invalid one, the sensors or
+        ValueError: If the file is truncated, holds no message or an invalid message, the sensors or
             their models change, or the time does not increase. The message names the line.
 
     Examples:
@@ -83,13 +83,14 @@ def read_xela_messages(path: PathLike, forces: bool = False) -> Recording:
             if sensor_keys(message) != sensors or frame.models != previous.models:
                 raise ValueError(
                     f"'{path}', line {line}: message {frame.number} must have sensors {sensors} of "
-                    f"models {short_repr(list(previous.models))}, as in earlier ones (got "
+                    f"models {short_repr(list(previous.models))}, as in earlier messages (got "
                     f"{sensor_keys(message)} of models {short_repr(list(frame.models))})"
                 )
             if frame.taxels != previous.taxels:
                 raise ValueError(
                     f"'{path}', line {line}: message {frame.number} must have sensors of "
-                    f"{list(previous.taxels)} taxels, as in earlier ones (got {list(frame.taxels)})"
+                    f"{list(previous.taxels)} taxels, as in earlier messages (got "
+                    f"{list(frame.taxels)})"
                 )
             if frame.time <= previous.time:
                 raise ValueError(
@@ -127,7 +128,7 @@ def _read_messages(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"'{path}' cannot be read as text: {error}") from error
-    # Some servers send line breaks within texts, which strict JSON forbids.
+    # Some servers send line breaks within strings, which strict JSON forbids.
     decoder = json.JSONDecoder(strict=False, object_pairs_hook=each_key_once)
     # Sorted, so that the line of a position is found by bisection.
     line_ends = [match.start() for match in re.finditer("\n", text)]
@@ -178,7 +179,7 @@ def write_xela_messages(
 
     Raises:
         ValueError: If there is no frame, the readings are not counts from 0 to 65535, a reading is
-            missing, or :obj:`forces` has other frames.
+            missing, or :obj:`forces` does not hold the same frames.
 
     Examples:
         >>> import tempfile

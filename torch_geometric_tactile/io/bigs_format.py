@@ -27,7 +27,7 @@ ARRAYS: Mapping[str, tuple[str, ...]] = {
 }
 #: The fields with a single value per file.
 VALUES = ("success", "object", "trial", "session", "pickup_time")
-_PATTERN_GROUPS = ("object", "trial", "session", "success")  # that the name of a file may give
+_PATTERN_GROUPS = ("object", "trial", "session", "success")  # that a file name may give
 _UNITS_PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 _UNITS_PER_METRE = {"m": 1.0, "mm": 1e3}
 _PATTERN = r"(?P<object>.+)_(?P<trial>\d+)"
@@ -44,7 +44,7 @@ class BiGSFormat:
             :obj:`robot_joint`, :obj:`finger_joint`, :obj:`wrench`, :obj:`object_pose`,
             :obj:`phase` and :obj:`slip`; the single values are :obj:`success`, :obj:`object`,
             :obj:`trial`, :obj:`session` and :obj:`pickup_time`. A field that is left out has the
-            same name in the files. The order of the axes may follow the name in brackets:
+            same name in the files. The order of the axes may follow the name in brackets, as in
             :obj:`"biotac/elec [frame (finger electrode)]"`. Axes in parentheses share one
             dimension, and the last of them changes fastest. Three names separated by :obj:`"|"`
             are arrays of the left, middle and right finger. :obj:`"group@name"` is an attribute in
@@ -53,7 +53,7 @@ class BiGSFormat:
             :obj:`{"session": "may"}`.
         pattern (str): Regular expression for the full name of a file without its suffix. Its
             named groups may be :obj:`object`, :obj:`trial`, :obj:`session` and :obj:`success`.
-        rate (float): Frames, with readings of all electrodes, per second.
+        rate (float): Frames per second. A frame has the readings of all electrodes.
         rates (Mapping of str to float): Values per second of :obj:`pac`, :obj:`robot_joint` and
             :obj:`finger_joint`, which must be multiples of :obj:`rate`. Defaults are 2200, 300 and
             300.
@@ -103,7 +103,7 @@ class BiGSFormat:
                 raise ValueError(f"'{name}' must be a mapping (got {type(mapping).__name__})")
             for key in mapping:
                 if key not in valid_keys:
-                    raise ValueError(f"'{name}' must have keys of {[*valid_keys]} (got {key!r})")
+                    raise ValueError(f"'{name}' must have keys among {[*valid_keys]} (got {key!r})")
         for key in self.values:
             if key in self.fields:
                 raise ValueError(f"'{key}' must be in 'fields' or in 'values' (got both)")
@@ -113,7 +113,7 @@ class BiGSFormat:
         for key, field_value in self.values.items():
             if not isinstance(field_value, str | int | float):
                 raise ValueError(
-                    f"'{key}' in 'values' must be a text or a number (got {field_value!r})"
+                    f"'{key}' in 'values' must be a string or a number (got {field_value!r})"
                 )
         units: tuple[tuple[str, Any, tuple[str | None, ...]], ...] = (
             ("time_unit", self.time_unit, (None, *_UNITS_PER_SECOND)),
@@ -126,8 +126,7 @@ class BiGSFormat:
                 raise ValueError(f"'{name}' must be one of {choices} (got {value!r})")
         if not isinstance(self.fingers, str) or sorted(self.fingers.split()) != [*FINGERS]:
             raise ValueError(
-                f"'fingers' must be 'left', 'middle' and 'right' in their order (got "
-                f"{self.fingers!r})"
+                f"'fingers' must be an order of 'left', 'middle' and 'right' (got {self.fingers!r})"
             )
         try:
             groups = re.compile(self.pattern).groupindex
@@ -136,7 +135,7 @@ class BiGSFormat:
         for name in groups:
             if name not in _PATTERN_GROUPS:
                 raise ValueError(
-                    f"'pattern' must have groups of {[*_PATTERN_GROUPS]} (got '{name}')"
+                    f"'pattern' must have groups among {[*_PATTERN_GROUPS]} (got '{name}')"
                 )
 
     def _check_field(self, key: str, text: str) -> None:
@@ -157,9 +156,7 @@ class BiGSFormat:
             self.steps(key)
         end = self.ends_after_pickup
         if end is not None and (not _is_number(end) or end < 0):
-            raise ValueError(
-                f"'ends_after_pickup' must be a number of seconds of at least 0 (got {end!r})"
-            )
+            raise ValueError(f"'ends_after_pickup' must be at least 0 seconds (got {end!r})")
 
     def stored(self, key: str) -> StoredArray:
         r"""Returns the name and the axis order of a field in the files.

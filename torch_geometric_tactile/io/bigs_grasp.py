@@ -1,4 +1,4 @@
-r"""Reader of the grasps of the BiGS data set, in one HDF5 or npz file each."""
+r"""Reader of the grasps of the BiGS data set, with one HDF5 or npz file per grasp."""
 
 import math
 import re
@@ -29,23 +29,23 @@ _NUM_VALUES = {"wrench": 6, "object_pose": 7}
 
 def read_bigs(path: PathLike, layout: BiGSFormat | None = None) -> Recording:
     r"""Reads a grasp of the BiGS data set from an HDF5 or npz file. A :class:`BiGSFormat` describes
-    its names, axis orders and units.
+    the names, axis orders and units in the file.
 
     Args:
         path (str or PathLike): An HDF5 or npz file with one grasp.
-        layout (BiGSFormat, optional): Its names, orders, units and rates. Defaults to those of
-            :class:`BiGSFormat`.
+        layout (BiGSFormat, optional): Names, axis orders, units and rates of the file. Defaults to
+            the values of :class:`BiGSFormat`.
 
     Returns:
-        Recording: As :class:`~torch_geometric_tactile.datasets.BiGS` reads it from a file of
-        :func:`~torch_geometric_tactile.io.write_recording`.
+        Recording: The recording that :class:`~torch_geometric_tactile.datasets.BiGS` reads from
+        files of :func:`~torch_geometric_tactile.io.write_recording`.
 
     Raises:
         FileNotFoundError: If there is no such file.
         ImportError: If h5py is missing for an HDF5 file.
-        ValueError: If the file is truncated or damaged, lacks a field, or an array does not have
-            the stated shape or length, if times do not increase or do not agree with the rate, or
-            if the outcome is not a truth value. The message names file and field.
+        ValueError: If the file is truncated or damaged, a field is missing, an array does not have
+            the stated shape or length, times do not increase or do not match the rate, or the
+            outcome is not a truth value. The message names file and field.
 
     Examples:
         >>> import tempfile
@@ -87,11 +87,11 @@ class _Fields:
         r"""Returns the error for a missing field."""
         if key == "electrodes" and {"format", "@format"} & {*self.names}:
             return ValueError(
-                f"{self.where(key)} must be there (got a recording): a file in the neutral form "
-                "needs no conversion and no 'fields'"
+                f"{self.where(key)} must be in the file (got a recording): this file needs no "
+                "conversion and no 'fields'"
             )
         return ValueError(
-            f"{self.where(key)} must be there (got a file with "
+            f"{self.where(key)} must be in the file (got only "
             f"{', '.join(map(quoted, self.names)) or 'nothing'}): state its name, as in "
             f"fields={{'{key}': 'NAME'}} or --field {key}=NAME"
         )
@@ -148,8 +148,8 @@ class _Fields:
         return numbers
 
     def value(self, key: str) -> Any:
-        r"""Returns a single value, from the format, the file or the name of the file, in this
-        order. It is :obj:`None` if none of them gives it.
+        r"""Returns a single value from the format, the file or the name of the file, in this order,
+        or :obj:`None` if none of them has it.
         """
         if key in self.layout.values:
             return self.layout.values[key]
@@ -287,8 +287,8 @@ class _Grasp(_Fields):
         index_of_outcome: dict[Any, int] = {"failure": 0, "success": 1, "0": 0, "1": 1, 0: 0, 1: 1}
         if key not in index_of_outcome:  # 'in' and the lookup also accept True and 1.0
             raise ValueError(
-                f"{self.where('success')} must be a truth value, 0 or 1, or 'failure' or "
-                f"'success' (got {value!r})"
+                f"{self.where('success')} must be a truth value (0, 1, 'failure' or 'success') "
+                f"(got {value!r})"
             )
         return index_of_outcome[key]
 
@@ -304,7 +304,7 @@ class _Grasp(_Fields):
             if key == "trial" and isinstance(value, str) and re.fullmatch("[0-9]{1,9}", value):
                 value = int(value)
             if value is not None and (not isinstance(value, types) or isinstance(value, bool)):
-                expected = "an integer" if types is int else "a text"
+                expected = "an integer" if types is int else "a string"
                 raise ValueError(f"{self.where(key)} must be {expected} (got {value!r})")
             if key == "object" and value is None:
                 raise self.missing("object")
@@ -325,7 +325,7 @@ class _Grasp(_Fields):
         seconds = value / self.layout.per_second if is_number else math.nan
         if not time[0] <= seconds <= time[-1]:
             raise ValueError(
-                f"{self.where('pickup_time')} must be a time of the grasp, on the clock of "
-                f"its frames: {float(time[0])} to {float(time[-1])} s (got {value!r})"
+                f"{self.where('pickup_time')} must be a time during the grasp, on the clock of its "
+                f"frames: {float(time[0])} to {float(time[-1])} s (got {value!r})"
             )
         return float(seconds)

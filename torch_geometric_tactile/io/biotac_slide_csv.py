@@ -1,4 +1,4 @@
-r"""Reader of CSV files with one slide of a BioTac over a material each."""
+r"""Reader of CSV files that each hold one slide of a BioTac over a material."""
 
 import numpy as np
 
@@ -16,17 +16,18 @@ _ELECTRODES = [f"ele{i}" for i in range(1, _NUM_ELECTRODES + 1)]
 
 def read_biotac_slide_csv(path: PathLike) -> Recording:
     r"""Reads one file ``mat<material>_<trial>_bio.csv`` of `BioTac_slide_20_50
-    <https://github.com/dexrob/BioTac_slide_20_50>`_: a header
-    ``timestamp,tdc,tac,pdc,pac1,...,pac22,ele1,...,ele19``, in any order, and a line for each
-    frame, which may have one more comma at its end than the header.
+    <https://github.com/dexrob/BioTac_slide_20_50>`_.
+
+    The header has the columns ``timestamp,tdc,tac,pdc,pac1,...,pac22,ele1,...,ele19``, in any
+    order. Each line is a frame and may end with one comma more than the header.
 
     Args:
         path (str or PathLike): The file.
 
     Returns:
-        Recording: The time in seconds since 1970, the 19 electrodes in counts, and in
-        :obj:`extra` the static temperature :obj:`tdc`, its change :obj:`tac`, the static pressure
-        :obj:`pdc` :math:`(T,)` and the vibration :obj:`pac` :math:`(T, 22)`, 22 samples per frame.
+        Recording: The 19 electrodes in counts, with times in seconds since 1970. :obj:`extra` holds
+        the static temperature :obj:`tdc`, its change :obj:`tac` and the static pressure :obj:`pdc`,
+        each :math:`(T,)`, and the vibration :obj:`pac` :math:`(T, 22)` with 22 samples per frame.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -45,7 +46,7 @@ def read_biotac_slide_csv(path: PathLike) -> Recording:
         >>> recording.tactile.shape, recording.extra["pac"].shape
         ((2, 19, 1), (2, 22))
     """
-    path = existing_file(path, "put the file of BioTac_slide_20_50 there")
+    path = existing_file(path, "put the file from BioTac_slide_20_50 there")
     table, _ = csv_columns(
         path, csv_rows(path), ["timestamp", *_SIGNALS, *_PRESSURES, *_ELECTRODES]
     )

@@ -1,4 +1,4 @@
-r"""Recordings from tables of pandas."""
+r"""Recordings from pandas tables."""
 
 import tempfile
 from pathlib import Path
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 def dataframe_to_recording(frame: "DataFrame", **kwargs: Any) -> Recording:
     r"""Converts a table with one frame per row to a recording.
 
-    Columns have the roles that they have in a CSV file: a column named :obj:`time` is the time, and
-    all columns without another role are readings. An index of dates or time differences is the
-    time. Missing values are missing readings.
+    Columns have the same roles as in a CSV file: a column named :obj:`time` is the time, and all
+    columns without another role are readings. An index of dates or time differences becomes the
+    time. Missing values become missing readings.
 
     Args:
         frame (pandas.DataFrame): The table.
@@ -24,8 +24,8 @@ def dataframe_to_recording(frame: "DataFrame", **kwargs: Any) -> Recording:
             as :obj:`tactile`, :obj:`joint`, :obj:`label`, :obj:`unit` and :obj:`rate`.
 
     Raises:
-        ValueError: If the table is no recording. The message names the line that a row has in a CSV
-            file of the table: line 2 is the first row.
+        ValueError: If the table is not a recording. The message counts lines as in a CSV file of
+            the table: line 2 is the first row.
 
     Examples:
         >>> import pandas as pd

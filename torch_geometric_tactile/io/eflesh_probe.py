@@ -1,4 +1,4 @@
-r"""Reader of the probe runs of eFlesh: a folder with the readings of a magnetic skin, and the
+r"""Reader of the probe runs of eFlesh: folders with the readings of a magnetic skin, and the
 position and force of a probe that pressed it."""
 
 from itertools import chain
@@ -20,12 +20,14 @@ _MAX_COLUMNS = 1000
 
 
 def read_eflesh_probe(folder: PathLike) -> Recording:
-    r"""Reads a run of the probe of `eFlesh <https://github.com/notvenky/eFlesh>`_, a magnetic skin:
-    :obj:`sensor.csv` with the time and three readings of each magnetometer (in the published runs,
-    five under a pressed skin and ten under a sheared one), and :obj:`states.csv` with the time,
-    three coordinates of the probe and the force. Both files have no header.
+    r"""Reads a run of the probe of `eFlesh <https://github.com/notvenky/eFlesh>`_, a magnetic skin.
+    The folder has two files without headers:
 
-    Row by row, the times of both files must differ by less than a frame; the recording has the
+    * :obj:`sensor.csv`: the time and three readings of each magnetometer (in the published runs,
+      five under a pressed skin and ten under a sheared skin);
+    * :obj:`states.csv`: the time, three coordinates of the probe and the force.
+
+    In each row, the times of both files must differ by less than a frame. The recording has the
     times of the readings. The files state no units: readings and force (up to 3,483 in the
     published runs) are returned as stored.
 

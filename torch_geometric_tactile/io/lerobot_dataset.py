@@ -1,5 +1,5 @@
 r"""Data sets of `LeRobot <https://huggingface.co/docs/lerobot/lerobot-dataset-v3>`_, version 3.0,
-written with pyarrow alone.
+written with pyarrow only.
 
 ====================================== =============================================================
 ``meta/info.json``                     version, sizes, rate, features
@@ -7,13 +7,13 @@ written with pyarrow alone.
 ``meta/tasks.parquet``                 names of the tasks, and their numbers
 ``meta/episodes/chunk-.../file-...``   length, task, file and statistics of each episode
 ``data/chunk-.../file-....parquet``    the frames of many episodes
-``meta/tactile.json``                  of this package: shape, labels, annotations and metadata
+``meta/tactile.json``                  file of this package: shape, labels, annotations, metadata
 ``README.md``                          list of the data files, for :obj:`datasets`
 ====================================== =============================================================
 
 :obj:`observation.tactile` is float32 :math:`(N \cdot C,)` with NaN for missing readings, and
-:obj:`observation.state` the joint angles in radians. Further signals are
-:obj:`observation.extra.NAME`, and commands :obj:`action`.
+:obj:`observation.state` holds the joint angles in radians. Further signals are
+:obj:`observation.extra.NAME`, and commands are :obj:`action`.
 """
 
 import json
@@ -87,20 +87,20 @@ def write_lerobot(
 ) -> None:
     r"""Writes recordings as the episodes of a LeRobot data set.
 
-    Each recording is resampled at :obj:`fps`: a step has the last frame up to it, which a robot
-    would have at that moment, or the nearest one. Nothing is interpolated, and frames between steps
-    are left out unless :obj:`every_frame` is given. Steps in a gap, where frames are missing, are
-    NaN, and a warning is logged. Time starts at 0 in each episode, and annotations are shifted
-    accordingly. Further signals (:obj:`extra`) become features if they are numbers of the same
-    shape in all recordings. Other signals, such as privileged ones, are left out, and a warning
-    names them.
+    Each recording is resampled at :obj:`fps`. A step has the last frame at or before it, which a
+    robot would have at that moment, or with :obj:`nearest` the nearest frame. Nothing is
+    interpolated. Frames between steps are left out unless :obj:`every_frame` is set. Steps in a
+    gap, where frames are missing, are NaN, and a warning is logged. Time starts at 0 in each
+    episode, and annotations are shifted accordingly. Further signals (:obj:`extra`) become features
+    if they are numbers of the same shape in all recordings. Other signals, such as privileged ones,
+    are left out, and a warning names them.
 
-    Actions become the feature :obj:`action`: that of a step is the last command at or before it, as
-    LeRobot records it.
+    Actions become the feature :obj:`action`. The action of a step is the last command at or before
+    it, as LeRobot records it.
 
     Args:
         recordings (sequence of Recording): The recordings, all with the same taxels, channels,
-            joints and actions. The names of joints and actions are those of the first one.
+            joints and actions. The names of joints and actions are taken from the first recording.
         root (str or PathLike): The folder, which must be new or empty.
         fps (float): Steps per second, such as 30 or 29.97.
         robot_type (str, optional): Name of the robot.
@@ -113,27 +113,27 @@ def write_lerobot(
             rows are NaN. :func:`read_lerobot` returns the frames with their times. With another
             :obj:`key`, the names begin with it.
         gaps (str): Whether steps in a gap are NaN (:obj:`"nan"`) or an error (:obj:`"error"`).
-        max_gap (float, optional): The longest time in seconds that is not a gap: a step is in a gap
+        max_gap (float, optional): The longest time in seconds that is not a gap. A step is in a gap
             if its frame is farther away than this, and farther than one step. Defaults to five
-            times the median distance of frames in the recording.
+            times the median time between frames of the recording.
         key (str): The feature of the readings, which begins with :obj:`"observation."`. LeRobot's
             policies ignore the default. ACT, diffusion and TD-MPC read
-            :obj:`"observation.environment_state"`, and all policies :obj:`"observation.state"`. The
-            latter has the joint angles first and the readings after them; the frames of
-            :obj:`every_frame` stay in :obj:`observation.tactile_frames`.
+            :obj:`"observation.environment_state"`, and all policies read
+            :obj:`"observation.state"`. The latter has the joint angles first, then the readings.
+            The frames of :obj:`every_frame` stay in :obj:`observation.tactile_frames`.
         fill (float, optional): The number that replaces missing readings and further signals, since
-            the loss of a policy is NaN if one of its inputs is. Statistics include it. Unused rows
-            of :obj:`every_frame` have it too, and the time :obj:`-2 / fps`. Joint angles and
+            a missing input makes the loss of a policy NaN. Statistics include it. It also fills
+            unused rows of :obj:`every_frame`, whose time is :obj:`-2 / fps`. Joint angles and
             actions are not replaced.
 
     Raises:
         FileExistsError: If the folder is not empty.
         ImportError: If the extra :obj:`lerobot` is missing.
         OSError: If the disk is full.
-        ValueError: If there is no recording, a recording has no frames or another shape, :obj:`fps`
-            is not a positive number, :obj:`nearest` and :obj:`every_frame` are both given, there
-            is a gap and :obj:`gaps` is :obj:`"error"`, :obj:`key` or :obj:`fill` are invalid, or a
-            joint angle or an action is missing and :obj:`fill` is given.
+        ValueError: If there is no recording, a recording has no frames or a different shape,
+            :obj:`fps` is not a positive number, :obj:`nearest` and :obj:`every_frame` are both set,
+            there is a gap and :obj:`gaps` is :obj:`"error"`, :obj:`key` or :obj:`fill` is invalid,
+            or a joint angle or an action is missing and :obj:`fill` is set.
 
     Examples:
         >>> import tempfile

@@ -41,7 +41,7 @@ from torch_geometric_tactile.io._lerobot_steps import (
 )
 from torch_geometric_tactile.io._lerobot_tables import read_numbers, require_pyarrow
 
-# Channels of a taxel. A feature of two dimensions with a larger second one is a grid of taxels.
+# Channels of a taxel. A two-dimensional feature with a larger last dimension is a grid of taxels.
 _MAX_CHANNELS = 6
 _TAXELS_FIRST, _CHANNELS_FIRST = ("taxels", "channels"), ("channels", "taxels")
 _AXIS_OF_NAME = {"taxel": "taxels", "taxels": "taxels", "axis": "channels", "axes": "channels"}
@@ -60,9 +60,9 @@ def read_lerobot(
     allow_large: bool = False,
     action: str = ACTION,
 ) -> list[Recording]:
-    r"""Reads the episodes of a LeRobot data set of any source.
+    r"""Reads the episodes of a LeRobot data set that any program wrote.
 
-    The time is that of the data set, from 0, and the label is the task. Data sets of
+    Times start at 0, as in the data set, and the label is the task. Data sets written by
     :func:`write_lerobot` also have labels, metadata, annotations and further signals. Numbers that
     :obj:`fill` wrote for missing readings are returned as readings. Other features are left out.
 
@@ -73,12 +73,12 @@ def read_lerobot(
             :math:`(N,)`. A feature of two dimensions is a grid of taxels with one channel, row by
             row, if the last dimension is above 6. The taxels of several features are joined in this
             order, and :obj:`meta["tactile_features"]` has the number of taxels of each. In a name,
-            :obj:`*` stands for any text: :obj:`"observation.tactile.*"` are all such features in
-            the order of :obj:`info.json`. Defaults to that of :obj:`meta/tactile.json`, or
-            :obj:`observation.tactile`.
-        state (str): The feature of the joint angles in radians. It may be missing. If it is also
-            the feature of the readings, these are the columns that :obj:`meta/tactile.json`
-            declares, or those with the names of taxels at its end.
+            :obj:`*` matches any characters: :obj:`"observation.tactile.*"` selects all such
+            features in the order of :obj:`info.json`. Defaults to the feature in
+            :obj:`meta/tactile.json`, or :obj:`observation.tactile`.
+        state (str): The feature of the joint angles in radians. It may be missing. If it also holds
+            the readings, these are the columns that :obj:`meta/tactile.json` declares, or the
+            columns at its end that are named after taxels.
         num_channels (int, optional): Number of channels of a taxel :math:`C`, if neither
             :obj:`meta/tactile.json` nor the names give it. The values of a step are then the
             channels of the first taxel, of the second taxel, and so on.
@@ -94,9 +94,9 @@ def read_lerobot(
         ImportError: If the extra :obj:`lerobot` is missing.
         OSError: If a file cannot be read.
         ValueError: If the version is not 3, the features are missing or not numbers, their size
-            does not agree with the number of channels, several features have different numbers of
-            channels, consecutive times are not a step apart, or the files do not agree with each
-            other. The message names the folder or file.
+            does not match the number of channels, several features have different numbers of
+            channels, consecutive times are not one step apart, or the files contradict each other.
+            The message names the folder or file.
 
     Examples:
         >>> import tempfile
@@ -135,7 +135,7 @@ def read_lerobot(
     if action_column is not None:
         need(
             action not in {*names, state, *columns},
-            "'action' must be another feature than readings, state and further signals",
+            "'action' must not be the feature of readings, state or further signals",
             action,
         )
         columns[action] = action_column
@@ -163,7 +163,7 @@ class _Column:
     is_swapped: bool = False  # stored with the channels before the taxels
     source: str | None = None  # the feature, if it holds other values too
     part: slice | None = None  # the values in it
-    is_outside: bool = False  # whether the values are those outside of this part
+    is_outside: bool = False  # whether to select the values outside of this part instead
 
     @property
     def num_channels(self) -> int:
@@ -244,7 +244,7 @@ class _Dataset:
 
     def _find_task(self, path: Path, rows: Any) -> str:
         number = int(integer_column(path, rows, "task_index")[0])
-        need(number in self.tasks, f"'{path}' must hold tasks of 'meta/tasks.parquet'", number)
+        need(number in self.tasks, f"'{path}' must refer to tasks in 'meta/tasks.parquet'", number)
         return self.tasks[number]
 
 
@@ -272,7 +272,7 @@ def _tactile_features(
     repeated = next((name for name in names if names.count(name) > 1), None)
     need_argument(repeated is None, "tactile", "must name each feature once", repeated)
     if len(names) > 1:
-        message = "must be other features than the joint angles"
+        message = "must not include the joint angles"
         need_argument(state not in names, "tactile", message, state)
         need_argument(
             not every_frame, "tactile", "must be one feature with every_frame", len(names)
@@ -314,7 +314,7 @@ def _taxel_shape(
         return shape or sizes
     if total % num_channels or (shape is not None and shape[1] != num_channels):
         raise ValueError(
-            f"'num_channels' must be that of '{tactile}' of '{root}', of shape "
+            f"'num_channels' must match '{tactile}' of '{root}', which has shape "
             f"{list(shape or sizes)} (got {num_channels})"
         )
     return (total // num_channels, num_channels)
@@ -510,4 +510,4 @@ def _missing_feature(root: Path, features: dict[str, Any], name: str) -> ValueEr
     message = f"'{root}' must have the feature '{name}' (got {names})"
     if not any(feature.startswith(f"{name}.") for feature in features):
         return ValueError(message)
-    return ArgumentError(f"{message}: for all of '{name}.*', give this as ", Argument("tactile"))
+    return ArgumentError(f"{message}: for all of '{name}.*', pass this as ", Argument("tactile"))

@@ -1,4 +1,4 @@
-r"""Writer that adds touch to a LeRobot data set, such as one of joints and videos."""
+r"""Writer that adds touch to a LeRobot data set, for example of joints and videos."""
 
 import os
 import shutil
@@ -73,16 +73,16 @@ def add_to_lerobot(
 ) -> None:
     r"""Writes a copy of a LeRobot data set with touch that was recorded at the same time.
 
-    Each step has the last frame up to it, or NaN in a gap. Joint angles and actions of the
-    recordings are left out, since the data set has those of its robot. Annotations and further
-    signals are written as by :func:`write_lerobot`. The data set itself is not changed, and the
-    copy appears under its name only when it is complete.
+    Each step has the last frame at or before it, or NaN in a gap. Joint angles and actions of the
+    recordings are left out, since the data set already has those signals of its robot. Annotations
+    and further signals are written as in :func:`write_lerobot`. The data set itself is not changed.
+    The copy appears under its name only when it is complete.
 
     Args:
         source (str or PathLike): The folder of the data set.
         recordings (sequence of Recording): One recording for each episode, in the same order, all
-            with the same taxels and channels. Each must cover its episode, except one step at
-            either end.
+            with the same taxels and channels. Each recording must cover its episode, up to one step
+            at either end.
         root (str or PathLike): The folder of the copy, which must be new or empty.
         starts (sequence of float, optional): The time of each episode's first step on the clock of
             its recording, in seconds. Defaults to the time of the first frame.
@@ -93,10 +93,10 @@ def add_to_lerobot(
             :func:`write_lerobot`.
         allow_large (bool): Whether to read large tables, as in :func:`read_lerobot`.
         key (str): The feature of the readings, as in :func:`write_lerobot`. With
-            :obj:`"observation.state"`, the readings come after the values of the data set, whose
-            names stay and whose statistics are computed again.
+            :obj:`"observation.state"`, the readings follow the existing values. The names of these
+            values are kept, and their statistics are computed again.
         fill (float, optional): The number that replaces missing readings and further signals, as in
-            :func:`write_lerobot`. The features of the data set stay as they are.
+            :func:`write_lerobot`. Existing features are not changed.
 
     Raises:
         FileExistsError: If the folder of the copy is not empty.
@@ -104,10 +104,10 @@ def add_to_lerobot(
         ImportError: If the extra :obj:`lerobot` is missing.
         OSError: If the disk is full, or a file cannot be read.
         ValueError: If the data set cannot be read, has links out of its folder or already has
-            touch, if there is not one recording for each episode, or if a recording does not cover
-            its episode, or has a gap and :obj:`gaps` is :obj:`"error"`, if :obj:`key` or
-            :obj:`fill` are invalid, or if the data set has no :obj:`observation.state` of one
-            dimension to which readings are to be joined.
+            touch; if the number of recordings is not the number of episodes; if a recording does
+            not cover its episode, or has a gap and :obj:`gaps` is :obj:`"error"`; if :obj:`key` or
+            :obj:`fill` is invalid; or if readings are to be joined to :obj:`observation.state`, and
+            this is missing or not one-dimensional.
 
     Examples:
         >>> from torch_geometric_tactile.io import add_to_lerobot, read_recording
@@ -123,8 +123,8 @@ def add_to_lerobot(
     check_alike(recordings)
     if len(recordings) != info["total_episodes"]:
         raise ValueError(
-            f"'recordings' must hold one for each of {info['total_episodes']} episodes of "
-            f"'{source}' (got {len(recordings)})"
+            f"'recordings' must hold one recording for each of {info['total_episodes']} episodes "
+            f"of '{source}' (got {len(recordings)})"
         )
     if starts is not None and len(starts) != len(recordings):
         raise ValueError(
@@ -151,7 +151,7 @@ def add_to_lerobot(
     warn_of_unsupported_signals(root, recordings, extra)
     state_names = _state_names(source, info, allow_large) if key == STATE else []
     features = touch_features(shifted[0], rows, extra, key, state_names)
-    # Checked before the copy, which may take long.
+    # Checked before the copy, which may take a long time.
     existing_feature = next((n for n in features if n in info["features"] and n != STATE), None)
     need(
         existing_feature is None,
@@ -219,10 +219,10 @@ def _state_names(source: Path, info: dict[str, Any], allow_large: bool) -> list[
     if not isinstance(shape, list) or not is_flat or shape[0] < 1 or dtype != "float32":
         raise ValueError(
             f"'{source}' must have '{STATE}' of float32 in one dimension, to which readings are "
-            f"joined (got {printable([dtype, shape] if feature else None)[:60]}): give another "
+            f"joined (got {printable([dtype, shape] if feature else None)[:60]}): choose another "
             "'key'"
         )
-    # The declared size is compared with a file before names are made of it.
+    # The declared size is compared with a file before that many names are created.
     read_numbers(data_files(source, info)[0], {STATE: shape[0]}, allow_large)
     names = feature_value_names(feature.get("names"), shape[0])
     if names and any(name.startswith("taxel_0_") for name in names):
@@ -260,8 +260,8 @@ def _check_coverage(
     start, end = recording.time[0], recording.time[-1]
     if start > steps[0] + tolerance or end < steps[-1] - tolerance:
         raise ValueError(
-            f"recording {i} must reach from {steps[0]:.4g} to {steps[-1]:.4g} s after its "
-            f"start, as episode {number} does (got {start:.4g} to {end:.4g} s)"
+            f"recording {i} must cover {steps[0]:.4g} to {steps[-1]:.4g} s after its start, as "
+            f"episode {number} does (got {start:.4g} to {end:.4g} s)"
         )
 
 
@@ -272,8 +272,8 @@ def _add_stats(root: Path, stats: dict[int, dict[str, Stats]]) -> None:
         table = read_parquet(path)
         numbers = integer_column(path, table, "episode_index").tolist()
         unknown = next((number for number in numbers if number not in stats), None)
-        need(unknown is None, f"'{path}' must hold episodes of the data", unknown)
-        # Statistics of the state without its readings are of another length.
+        need(unknown is None, f"'{path}' must list only episodes in the data files", unknown)
+        # Statistics of the state without readings have a different length.
         stale = {
             n for n in table.column_names for name in features if n.startswith(f"stats/{name}/")
         }
@@ -300,7 +300,7 @@ def _copied_folder(source: Path, root: Path) -> Iterator[Path]:
     allowed = (home, home.parent.parent / "blobs")
     for path in source.rglob("*"):
         if not any(path.resolve().is_relative_to(folder) for folder in allowed):
-            raise ValueError(f"'{path}' must not be a link out of the data set")
+            raise ValueError(f"'{path}' must not be a link to a file outside of the data set")
     temporary = root.with_name(f".{root.name}.tmp")
     try:
         shutil.copytree(source, temporary)

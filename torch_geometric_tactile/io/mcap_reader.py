@@ -41,11 +41,11 @@ _MAX_EVENTS, _MAX_EVENT_BYTES = 10_000, 4096  # further or longer events are lef
 
 
 def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -> Recording:
-    r"""Reads a recording from an MCAP file of :class:`McapWriter` or of another program.
+    r"""Reads a recording from an MCAP file that :class:`McapWriter` or another program wrote.
 
     A file that is damaged, or truncated by a crash or a full disk, is read chunk by chunk. Chunks
     that do not match their checksum are left out, and a warning with the missing amount is logged.
-    Frames that are read are unchanged.
+    The other frames are returned unchanged.
 
     Args:
         path (str or PathLike): The file.
@@ -59,7 +59,7 @@ def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -
         :obj:`extra`. Events, such as marks and new measurements of the rest, are a list of
         :obj:`{"time": ..., "kind": ..., "text": ...}` in :obj:`meta["events"]`, if there are any.
         Events at the start and the end of annotations become the :obj:`annotations` instead. An
-        annotation without end in the file lasts to the last frame.
+        annotation without an end in the file lasts to the last frame.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -88,8 +88,7 @@ def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -
     if problems and not recover:
         raise ValueError(
             f"'{path}' is damaged or truncated: {join_problems(problems)}; read it with "
-            "recover=True, or "
-            "repair it with `tactile replay FILE --repair OUT`"
+            "recover=True, or repair it with `tactile replay FILE --repair OUT`"
         )
     recording, gaps = content.recording()
     if problems:
@@ -104,7 +103,7 @@ def read_mcap(path: PathLike, recover: bool = True, allow_large: bool = False) -
 
 
 def join_problems(problems: list[str]) -> str:
-    r"""Returns the first problems of a list as one text."""
+    r"""Returns the first problems of a list as one string."""
     return short_list(
         problems, _MAX_LISTED_PROBLEMS, printable, ending="; and {} more", separator="; "
     )
@@ -187,9 +186,10 @@ class _FrameRows:
         self.num_frames += 1
 
     def arrays(self) -> tuple[dict[str, np.ndarray], list[str]]:
-        r"""Returns the arrays, and the names of arrays that some frames lack and that have no NaN.
+        r"""Returns the arrays, and the names of arrays that some frames lack and whose type has no
+        NaN.
 
-        The names are those of
+        The arrays have the names of
         :func:`~torch_geometric_tactile.io._recording_schema.recording_to_arrays`, and
         :obj:`"sequence"`, :obj:`"received"` and :obj:`"device_time"`.
         """
@@ -239,14 +239,14 @@ def _decode_signal(signal: Any) -> np.ndarray:
     except (TypeError, ValueError, SyntaxError) as error:
         raise ValueError(f"'{name}' must be of a known type (got {dtype_name[:20]!r})") from error
     if dtype.kind not in "biufU" or len(shape) > 8:
-        raise ValueError(f"'{name}' must hold numbers or texts (got {dtype_name[:20]!r})")
+        raise ValueError(f"'{name}' must hold numbers or strings (got {dtype_name[:20]!r})")
     if math.prod(shape) * dtype.itemsize != len(data):
         raise ValueError(f"'{name}' must have shape {shape} (got {len(data)} bytes)")
     if dtype.itemsize == 0:
         return np.zeros(shape, dtype)
     array = np.frombuffer(data, dtype).reshape(shape)
     if dtype.kind == "U" and array.size and np.frombuffer(data, np.uint32).max() > 0x10FFFF:
-        raise ValueError(f"'{name}' must hold texts (got invalid characters)")
+        raise ValueError(f"'{name}' must hold strings (got invalid characters)")
     return array.astype(dtype.newbyteorder("="), copy=False)
 
 
@@ -337,7 +337,7 @@ class _Content:
     def _find_topic(self, number: int) -> str:
         channel = self.channels.get(number)
         if channel is None:
-            # Its description was in a damaged chunk; the metadata of this package repeat it.
+            # Its description was in a damaged chunk, but the metadata of this package repeat it.
             channel_numbers = self._metadata_channels()
             return next(
                 (topic for topic in (FRAME, EVENT) if channel_numbers.get(topic) == number), ""
@@ -396,7 +396,7 @@ class _Content:
         order = _increasing_order(arrays["time"])
         if order is not None:
             _log.warning(
-                "'%s': frames were not in the order of time, or duplicate; %d of %d are kept",
+                "'%s': frames were out of order or duplicate; %d of %d were read",
                 self.path,
                 len(order),
                 self.rows.num_frames,

@@ -87,7 +87,7 @@ def repair_mcap(path: PathLike, out: PathLike) -> RepairReport:
     library = require_mcap()
     path, out = recording_path(path), Path(out)
     if out.exists() and out.samefile(path):
-        raise ValueError(f"'out' must be another file than '{path}' (got the same)")
+        raise ValueError(f"'out' must be a new file (got the damaged file '{path}')")
     scan = Scan(path)
     with atomic_path(out) as temporary:
         output = McapOutput(temporary, overwrite=True, lock=False)

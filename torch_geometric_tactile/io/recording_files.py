@@ -55,15 +55,17 @@ def recording_format(path: PathLike, csv_format: CsvFormat = _NO_OPTIONS) -> str
     :obj:`"wide CSV"`, :obj:`"named CSV"`, :obj:`"XELA log CSV"` or :obj:`"XELA messages"`, or
     :obj:`"eFlesh probe"` for a folder with a run of eFlesh's probe.
 
-    The suffix must be known. The beginning of the file distinguishes the types of CSV, and takes
-    precedence over a wrong suffix. A header with the name of one of the first columns of a XELA log
-    belongs to a XELA log. Other CSV files with a header are named CSV, unless a name is one of
-    :func:`write_wide_csv`, or the number of columns is that of the hand data of the papers; these
-    are wide CSV.
+    The suffix must be known. The beginning of the file takes precedence over a wrong suffix, and
+    distinguishes the CSV formats by their headers:
+
+    * A XELA log has a column name that only such logs have.
+    * A wide CSV has a name that :func:`write_wide_csv` writes, the number of columns of the papers'
+      hand data, or no header.
+    * Any other CSV file with a header is a named CSV.
 
     Args:
         path (str or PathLike): The file.
-        csv_format (CsvFormat): How a CSV file is written.
+        csv_format (CsvFormat): The text format of a CSV file.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -114,8 +116,8 @@ def read_recording(path: PathLike, **kwargs: Any) -> Recording:
             :obj:`time_unit`, :obj:`label`, :obj:`extra`, :obj:`ignore`, :obj:`unit` and
             :obj:`rate` for the columns, :obj:`num_taxels`, :obj:`num_joints` and :obj:`header` for
             files without names, and :obj:`separator`, :obj:`decimal`, :obj:`encoding`,
-            :obj:`preamble`, :obj:`unit_row`, :obj:`time_format` and :obj:`missing` for the text;
-            :obj:`num_frames` reads the first frames only.
+            :obj:`preamble`, :obj:`unit_row`, :obj:`time_format` and :obj:`missing` for the text.
+            With :obj:`num_frames`, only the first frames are read.
 
     Raises:
         FileNotFoundError: If there is no such file.
@@ -157,8 +159,8 @@ def _csv_format(options: Mapping[str, Any]) -> CsvFormat:
 
 
 def select_format(path: PathLike, options: Mapping[str, Any]) -> str:
-    r"""Returns the format in which a file is read with some options. The options select between the
-    types of CSV.
+    r"""Returns the format in which a file is read with the given options. The options select
+    between the CSV formats.
     """
     name, option_names = recording_format(path, _csv_format(options)), {*options}
     if not name.endswith("CSV"):
@@ -183,7 +185,7 @@ def format_options(name: str) -> list[str]:
 
 def write_recording(recording: Recording, path: PathLike) -> None:
     r"""Writes a recording in the format of the suffix: ``.h5`` or ``.hdf5``, ``.npz``, ``.mcap``,
-    ``.csv`` (one frame per row), ``.jsonl`` or ``.ndjson`` (XELA messages). A warning lists the
+    ``.csv`` (one frame per row), ``.jsonl`` or ``.ndjson`` (XELA messages). A warning lists any
     content that the format cannot store.
 
     Args:

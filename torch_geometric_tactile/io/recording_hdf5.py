@@ -1,18 +1,19 @@
 r"""Recordings as HDF5 files. The functions need the extra ``io``.
 
-The names are those of :mod:`~torch_geometric_tactile.io._recording_schema`. Arrays are data sets
-with a resizable first dimension, and ``privileged`` and ``extra`` are groups. ``format``,
-``version``, ``num_frames``, ``label``, ``meta``, ``annotations`` (if any) and ``checksum`` (the
-CRC-32 of these attributes and of the names, types and shapes of the arrays) are attributes of the
-file. ``checksums`` is the CRC-32 of each frame, uint32 :math:`(T,)`.
+Names are as in :mod:`~torch_geometric_tactile.io._recording_schema`. Arrays are data sets with a
+resizable first dimension, and ``privileged`` and ``extra`` are groups. ``format``, ``version``,
+``num_frames``, ``label``, ``meta``, ``annotations`` (if any) and ``checksum`` are attributes of the
+file. ``checksum`` is the CRC-32 of the other attributes and of the names, types and shapes of the
+arrays. ``checksums`` holds the CRC-32 of each frame, uint32 :math:`(T,)`.
 
-Version 2, which is written, has checksums for every part: fletcher32 for each chunk of the arrays,
-the CRC-32 of each frame, the checksums of HDF5 1.10 for its structures, and the CRC-32 of the
-attributes, whose texts have a fixed length. A damaged file raises an error or reads correctly.
-Version 1, which can still be read, has no checksums, so a flipped bit may change a number. Existing
-checksums are compared in any version. Files to which versions up to 0.2 of this package appended
-are not compressed, and may end in a journal of an interrupted append, which is applied when
-reading.
+The functions write version 2, which has checksums for every part: fletcher32 for each chunk of the
+arrays, the CRC-32 of each frame, the checksums of HDF5 1.10 for its structures, and the CRC-32 of
+the attributes, whose strings have a fixed length. A damaged file raises an error or reads
+correctly. Version 1 can still be read. It has no checksums, so a flipped bit may change a number.
+Existing checksums are compared in any version.
+
+Files to which versions up to 0.2 of this package appended are not compressed. They may end in a
+journal of an interrupted append, which is applied when reading.
 
 Links to other files are not followed, and only the built-in filters of HDF5 are used.
 """
@@ -108,17 +109,17 @@ def read_hdf5(path: PathLike, *, max_bytes: int | None = None) -> Recording:
     r"""Reads a recording from an HDF5 file.
 
     Args:
-        path (str or PathLike): A file of :meth:`write_hdf5`.
+        path (str or PathLike): A file written by :meth:`write_hdf5`.
         max_bytes (int, optional): Maximum size of the arrays in memory. Defaults to 1 GiB or a
             hundred times the size of the file, whichever is larger.
 
     Raises:
         ImportError: If h5py is missing.
         FileNotFoundError: If there is no such file.
-        ValueError: If the file is not an HDF5 file, is truncated or damaged, lacks a field, is of
-            another version, refers to other files, or holds more than :obj:`max_bytes`. The message
-            names the file.
-        BlockingIOError: If another process writes the file.
+        ValueError: If the file is not an HDF5 file, is truncated or damaged, lacks a field, has an
+            unsupported version, refers to other files, or holds more than :obj:`max_bytes`. The
+            message names the file.
+        BlockingIOError: If another process is writing the file.
 
     Examples:
         >>> import tempfile
@@ -137,7 +138,7 @@ def read_hdf5_head(path: PathLike) -> Recording:
     r"""Reads the metadata of a recording in an HDF5 file, without its frames.
 
     Args:
-        path (str or PathLike): A file of :meth:`write_hdf5`.
+        path (str or PathLike): A file written by :meth:`write_hdf5`.
 
     Returns:
         Recording: A recording without frames, with label, metadata and the shapes of a frame.
@@ -145,7 +146,7 @@ def read_hdf5_head(path: PathLike) -> Recording:
     Raises:
         ImportError: If h5py is missing.
         FileNotFoundError: If there is no such file.
-        ValueError: As :meth:`read_hdf5`.
+        ValueError: As for :meth:`read_hdf5`.
 
     Examples:
         >>> import tempfile
@@ -199,8 +200,8 @@ def _read_head(path: Path, file: Any) -> _Content:
         checksum = _head_checksum(version, num_frames, texts, datasets)
         if integer_attribute(path, attrs, "checksum") != checksum:
             raise ValueError(
-                f"'{path}' must hold the label, metadata and arrays of its checksum (got "
-                "different ones): copy or record it again"
+                f"'{path}' must match its checksum (got another label, other metadata or other "
+                "arrays): copy or record it again"
             )
         for name, dataset in datasets.items():
             if not dataset.fletcher32:
@@ -255,7 +256,7 @@ def _check_frame_checksums(
     differing = np.flatnonzero(_frame_checksums(stored) != checksums)
     if len(differing):
         raise ValueError(
-            f"'{path}' must hold the frames of its checksums (got damaged frames from frame "
+            f"'{path}' must match the checksums of its frames (got damaged frames from frame "
             f"{differing[0]} on, {len(differing)} in total): copy or record it again"
         )
 

@@ -1,4 +1,4 @@
-r"""Recordings as MCAP files, which viewers of robot data can open, and which survive a crash.
+r"""Recordings as MCAP files, which viewers of robot data can open. The files survive a crash.
 
 Topics are :obj:`tactile.Frame`, :obj:`tactile.Prediction`, :obj:`tactile.Health`,
 :obj:`tactile.Event` and :obj:`foxglove.PointCloud`
@@ -52,7 +52,7 @@ class McapWriter:
 
     A chunk is closed a quarter of a second after its first frame and passed to the operating
     system. If the process is killed, only later frames are lost. A power failure may lose data that
-    the system has not yet written, a few seconds on Linux. Bytes in the file never change after
+    the system has not written yet (a few seconds on Linux). Bytes in the file never change after
     they are written. If the disk is full, the incomplete chunk is removed, the error names the
     file, and all later calls raise the same error.
 
@@ -234,7 +234,7 @@ class McapWriter:
         r"""Writes an event, such as a new tare.
 
         The events :obj:`"annotation_start"` and :obj:`"annotation_end"` mark an annotation with
-        their text as label. An end refers to the last open annotation of this label. An annotation
+        their text as label. An end closes the last open annotation with this label. An annotation
         without end lasts to the last frame.
 
         Args:
@@ -342,7 +342,7 @@ def _encode_signals(arrays: Mapping[str, np.ndarray]) -> list[dict[str, Any]]:
     for name, value in arrays.items():
         array = np.asarray(value)
         if array.dtype.kind not in "biufU":
-            raise ValueError(f"'{name}' must hold numbers or texts (got {array.dtype})")
+            raise ValueError(f"'{name}' must hold numbers or strings (got {array.dtype})")
         array = array.astype(array.dtype.newbyteorder("<"), copy=False)
         signal = {"name": name, "dtype": array.dtype.str, "shape": array.shape}
         signals.append({**signal, "data": array.tobytes()})

@@ -1,4 +1,4 @@
-r"""Reader of labelled samples in npz files of :func:`numpy.savez`."""
+r"""Reader of labelled samples in npz files written by :func:`numpy.savez`."""
 
 import logging
 
@@ -44,10 +44,10 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
     :math:`(S, \ldots)`. It may hold :obj:`trial`, :obj:`group`, :obj:`session`, :obj:`set`,
     :obj:`joint`, :obj:`time` and :obj:`part` with one row per sample, the :obj:`class_names`, and
     :obj:`pos`, :obj:`normal` and :obj:`edge_index` of the taxels. Other common names, such as
-    :obj:`labels`, are accepted as well. A :obj:`person`, :obj:`subject` or :obj:`participant` is
-    the group if there is no other one. Other arrays :math:`(S,)` of texts or integers, such as
-    :obj:`person` beside a :obj:`group`, are read under their own names, as units by which samples
-    can be split. The remaining arrays are ignored, and a warning names them.
+    :obj:`labels`, are accepted as well. An array :obj:`person`, :obj:`subject` or
+    :obj:`participant` is the group if there is no other group. Other arrays :math:`(S,)` of strings
+    or integers, such as :obj:`person` beside a :obj:`group`, are read under their names, and
+    samples can be split by them. The remaining arrays are ignored, and a warning names them.
 
     Args:
         path (str or PathLike): The file.
@@ -60,9 +60,9 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
     Raises:
         FileNotFoundError: If there is no such file.
         ValueError: If the file is not an npz file, is truncated or damaged, holds pickled objects,
-            would take far more memory than its size, has no readings or no labels, two names of the
-            same array, texts instead of numbers, or different numbers of samples. The message names
-            the file.
+            would take far more memory than its size, has no readings or no labels, has two names
+            for the same array, has strings instead of numbers, or has different numbers of samples.
+            The message names the file.
 
     Examples:
         >>> import tempfile
@@ -97,7 +97,9 @@ def read_samples_npz(path: PathLike, allow_large: bool = False) -> dict[str, np.
     used = {*_KEY_OF_NAME, *content, *names_of_key.get("group", ())}
     unknown = sorted(set(shapes) - used)
     if unknown:
-        _logger.warning("'%s': not used: %s", path, short_list(unknown, 10, quoted, ending=""))
+        _logger.warning(
+            "'%s': ignored the arrays %s", path, short_list(unknown, 10, quoted, ending="")
+        )
     return content
 
 
@@ -105,11 +107,11 @@ def _find_problem(names_of_key: dict[str, list[str]], shapes: dict[str, tuple[in
     for key in ("x", "y"):
         if key not in names_of_key:
             names = short_list(sorted(shapes), 10, quoted, ending="") if shapes else "no arrays"
-            hint = " (a recording is not a data set: give its folder)" if "format" in shapes else ""
+            hint = " (a recording is not a data set: pass its folder)" if "format" in shapes else ""
             return f"an array '{key}' is missing (got {names}){hint}"
     for key, aliases in names_of_key.items():
         if len(aliases) > 1:
-            return f"it must have only one of {aliases}, since each of them is '{key}'"
+            return f"it must have only one of {aliases}, since each of them means '{key}'"
     shape = shapes[names_of_key["x"][0]]
     if len(shape) < 2 or 0 in shape:
         return f"'x' must have shape (num_samples, num_taxels, ...), all positive (got {shape})"
@@ -122,5 +124,5 @@ def _find_problem(names_of_key: dict[str, list[str]], shapes: dict[str, tuple[in
 
 def _find_dtype_problem(key: str, array: np.ndarray) -> str:
     if array.dtype.kind == "U" and key not in _TEXT_KEYS:
-        return f"'{key}' must hold numbers (got texts)"
+        return f"'{key}' must hold numbers (got strings)"
     return ""

@@ -1,4 +1,4 @@
-r"""Reader of the episodes of the Sparsh-skin data set, folders with pickled arrays."""
+r"""Reader of the episodes of the Sparsh-skin data set, which are folders with pickled arrays."""
 
 from functools import cache
 from pathlib import Path
@@ -30,22 +30,26 @@ _PATCHES = (
 
 def read_sparsh_skin(folder: PathLike, joints: bool = True) -> Recording:
     r"""Reads an episode of the `Sparsh-skin data set
-    <https://huggingface.co/datasets/facebook/sparsh-skin-dataset>`_: a folder
-    :obj:`SEQUENCE/EPISODE` with the files :obj:`xela/data.pkl`, a list of frames
-    :math:`(368, 4)` of seconds and raw counts :math:`x, y, z`, and :obj:`allegro/data.pkl`, a dict
-    whose :obj:`"joint_states"` :math:`(T', 33)` are seconds, 16 angles in radians and 16 efforts.
+    <https://huggingface.co/datasets/facebook/sparsh-skin-dataset>`_. An episode is a folder
+    :obj:`SEQUENCE/EPISODE` with two files:
+
+    * :obj:`xela/data.pkl`: a list of frames :math:`(368, 4)` of seconds and raw counts
+      :math:`x, y, z`;
+    * :obj:`allegro/data.pkl`: a dict whose :obj:`"joint_states"` :math:`(T', 33)` are seconds, 16
+      angles in radians and 16 efforts.
+
     Other files are not read. The files are pickles, but **no code in them is run**: a file with
-    anything but such arrays is an error.
+    anything except such arrays is an error.
 
     Joints are interpolated linearly at the times of the touch. Frames before the first or after the
-    last joint state are left out, and so are frames with the same time as the previous one.
+    last joint state are left out, as are frames with the same time as the previous frame.
 
     **The order of the taxels is partly a guess.** Frames are reordered to
     :func:`~torch_geometric_tactile.sensors.allegro_uskin_368` patch by patch, by the authors' list
     of patches. This list determines digits and phalanges. The assignment of the three patches of
-    the palm and the order of the taxels within a patch are unknown: both are taken in the order of
-    the files (:obj:`palm_2`, :obj:`palm_1`, :obj:`palm_3` as :obj:`palm_1_index`,
-    :obj:`palm_1_ring`, :obj:`palm_2_ring`), so that positions within a patch may be permuted. Check
+    the palm and the order of the taxels within a patch are unknown. Both follow the order of the
+    files (:obj:`palm_2`, :obj:`palm_1`, :obj:`palm_3` as :obj:`palm_1_index`,
+    :obj:`palm_1_ring`, :obj:`palm_2_ring`), so positions within a patch may be permuted. Check
     with the URDF of the data set (:obj:`pretraining/urdf`) before you rely on the geometry within a
     patch or the palm.
 
@@ -55,16 +59,16 @@ def read_sparsh_skin(folder: PathLike, joints: bool = True) -> Recording:
             (:obj:`pretraining/baseline`) does not need.
 
     Returns:
-        Recording: 368 taxels with three channels in counts, 16 joint angles, and in :obj:`extra`
+        Recording: 368 taxels with three channels in counts, and 16 joint angles. :obj:`extra` holds
         the :obj:`effort` :math:`(T, 16)` as published. The metadata have the nominal :obj:`"rate"`
-        of 100 frames per second and, if the folder is a number, :obj:`"object"` (the folder above)
+        of 100 frames per second and, if the folder is a number, :obj:`"object"` (the parent folder)
         and :obj:`"episode"`.
 
     Raises:
         FileNotFoundError: If a file is missing.
         ValueError: If a file is damaged, holds other content, or would take far more memory than
-            its size, if times are not in order, a number is not finite, or touch and joints have no
-            time in common. The message names the file.
+            its size, if times are not in order, a number is not finite, or touch and joints do not
+            overlap in time. The message names the file.
 
     Examples:
         >>> read_sparsh_skin("pretraining/corn/0")  # doctest: +SKIP
@@ -83,7 +87,7 @@ def read_sparsh_skin(folder: PathLike, joints: bool = True) -> Recording:
     has_joints = (time >= joint_time[0]) & (time <= joint_time[-1])
     if not has_joints.any():
         raise ValueError(
-            f"'{path}' must have times in common with the touch, {time[0]:g} to {time[-1]:g} s "
+            f"'{path}' must overlap in time with the touch, {time[0]:g} to {time[-1]:g} s "
             f"(got {joint_time[0]:g} to {joint_time[-1]:g} s)"
         )
     time = time[has_joints]
@@ -96,7 +100,7 @@ def read_sparsh_skin(folder: PathLike, joints: bool = True) -> Recording:
 
 def _find_file(folder: Path, name: Path) -> Path:
     return existing_file(
-        folder / name, "put the file of this name of facebook/sparsh-skin-dataset there"
+        folder / name, "put the file with this name from facebook/sparsh-skin-dataset there"
     )
 
 
@@ -104,7 +108,7 @@ def _read_touch(path: Path) -> tuple[np.ndarray, np.ndarray]:
     # Returns times (T,) and readings (T, 368, 3) in the order of the layout.
     frames = read_numpy_pickle(path)
     is_list = isinstance(frames, list) and len(frames) > 0
-    need(is_list, f"'{path}' must hold a list of frames, at least one", type(frames).__name__)
+    need(is_list, f"'{path}' must hold a list of at least one frame", type(frames).__name__)
     for number, frame in enumerate(frames):
         _check_shape(path, f"frame {number}", frame, (_NUM_TAXELS, 4))
     size = sum(frame.nbytes for frame in frames)

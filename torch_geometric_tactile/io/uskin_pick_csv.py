@@ -1,4 +1,4 @@
-r"""Reader of the uSkin pick-and-move data set, folders with the CSV files of one trial each."""
+r"""Reader of the uSkin pick-and-move data set, with the CSV files of one trial per folder."""
 
 from pathlib import Path
 from typing import Any
@@ -27,31 +27,32 @@ _MAX_RATE = 1000.0  # frames per second
 
 def read_uskin_pick(folder: PathLike, repeats: bool = True) -> Recording:
     r"""Reads one trial of `tactile_prediction_flat_dataset
-    <https://github.com/imanlab/tactile_prediction_flat_dataset>`_: a folder with the files
-    :obj:`xela_sensor1.csv`, :obj:`xela_sensor2.csv`, :obj:`robot_state.csv` and
+    <https://github.com/imanlab/tactile_prediction_flat_dataset>`_. A trial is a folder with the
+    files :obj:`xela_sensor1.csv`, :obj:`xela_sensor2.csv`, :obj:`robot_state.csv` and
     :obj:`meta_data.csv`, with columns in any order. Other files are not read.
 
-    The files hold no times: frames are 1 / :obj:`frequency_hz` (of :obj:`meta_data.csv`) apart.
-    Files that differ by up to five frames are cut to the length of the shortest.
+    The files hold no times, so frames are 1 / :obj:`frequency_hz` (from :obj:`meta_data.csv`)
+    apart. Files that differ by up to five frames are cut to the length of the shortest file.
 
     Args:
         folder (str or PathLike): The folder.
         repeats (bool): Whether to keep frames with the same readings as the previous frame, which
-            the log has if the sensors were slower. Otherwise :obj:`"stale_rows"` in the metadata
-            is their number, and the times of the other frames do not change.
+            occur where the sensors were slower than the log. If :obj:`False`, these frames are
+            removed, :obj:`"stale_rows"` in the metadata is their number, and the other frames keep
+            their times.
 
     Returns:
-        Recording: 32 taxels (two patches of 4 x 4) with three channels in counts, seven joint
-        angles, and in :obj:`extra` the pose of the end effector :math:`(T, 7)`, a position in
+        Recording: 32 taxels (two patches of 4 x 4) with three channels in counts, and seven joint
+        angles. :obj:`extra` holds the pose of the end effector :math:`(T, 7)`, a position in
         metres and a quaternion (x, y, z, w), and the opening :obj:`finger` :math:`(T,)` as
         published. The metadata have :obj:`"object"`, :obj:`"seen"` and :obj:`"dropped"`.
 
     Raises:
         FileNotFoundError: If a file is missing.
         ValueError: If a column is missing or named twice, a line is empty or truncated, a cell is
-            not a finite number, the files differ by more frames, or the metadata are not one line
-            with an object, a frequency and 0 or 1 for :obj:`seen` and :obj:`dropped`. The message
-            names the file.
+            not a finite number, the files differ by more than five frames, or the metadata are not
+            one line with an object, a frequency and 0 or 1 for :obj:`seen` and :obj:`dropped`. The
+            message names the file.
 
     Examples:
         >>> read_uskin_pick("train/data_sample_2021-11-24-15-19-34")  # doctest: +SKIP
@@ -98,7 +99,7 @@ def read_uskin_pick(folder: PathLike, repeats: bool = True) -> Recording:
 
 def _find_file(folder: Path, name: str) -> Path:
     return existing_file(
-        folder / name, "put all files of the trial of tactile_prediction_flat_dataset there"
+        folder / name, "put all files of this trial from tactile_prediction_flat_dataset there"
     )
 
 

@@ -10,12 +10,12 @@ _BATCH_SECONDS = 0.5  # longest time between frames that arrive together
 class ClockMap:
     r"""Maps times of a device to this host's monotonic clock while frames arrive.
 
-    Frames are never early and often late, by the jitter of the cable, the driver and the system.
-    The smallest difference between host and device times over the last seconds is therefore the
-    best estimate of the offset of the clocks. It follows slow drift. A clock that wraps around
-    after :obj:`period` seconds is unwrapped. If the time jumps and the next frame confirms the
-    jump, as after a restart of the device, the estimate restarts. A jump that is not confirmed is a
-    damaged time and is ignored.
+    Frames are never early. They are often late, because of jitter in the cable, the driver and the
+    system. The smallest difference between host and device times over the last seconds is therefore
+    the best estimate of the offset between the clocks. It follows slow drift. A clock that wraps
+    around after :obj:`period` seconds is unwrapped. If the time jumps and the next frame confirms
+    the jump, as after a restart of the device, the estimate restarts. A jump that is not confirmed
+    is treated as a damaged time and ignored.
 
     Args:
         period (float, optional): Seconds after which the clock of the device wraps around, such as

@@ -5,9 +5,9 @@ from collections import deque
 from collections.abc import Sequence
 
 _BLOCK_SECONDS = 0.25  # seconds of arrivals between two fits
-_MIN_ARRIVALS = 8  # fewer do not define a period; as many are kept even if they are old
+_MIN_ARRIVALS = 8  # fewer arrivals do not define a period; as many are kept even if they are old
 _MIN_SECONDS = 0.5
-_SLEW = 0.05  # share of the period by which the distance of two frames may be corrected
+_SLEW = 0.05  # largest correction of the time between two frames, as a fraction of the period
 _MIN_STEP = 1e-6  # seconds between frames of one arrival: a double resolves it in times since 1970
 _GAP_PERIODS = 5
 _MIN_GAP_SECONDS = 0.05  # a busy machine may stop a process for this long
@@ -20,16 +20,16 @@ _Point = tuple[int, float]  # number and arrival of a frame
 class FrameClock:
     r"""Estimates the times at which frames were measured, from their numbers and arrivals.
 
-    Frames leave a sensor at a constant period and arrive late, by the jitter of the system and by
-    waiting for other frames that are sent or read with them. The frame with number :math:`n` was
-    measured at :math:`a + p n`, where this line is the highest one below all arrivals of the last
-    seconds, more exactly the edge of their lower convex hull at the mean number. The times follow
-    slow drift by at most 5 % of a period for each frame. Before the period is known, the frames of
-    one read are spread evenly from the previous arrival on.
+    Frames leave a sensor at a constant period but arrive late, because of jitter and because they
+    wait for frames that are sent or read with them. The frame with number :math:`n` was measured at
+    :math:`a + p n`, the highest line below all arrivals of the last seconds. More exactly, the line
+    is the edge of their lower convex hull at the mean number. The times follow slow drift by at
+    most 5 % of a period for each frame. Before the period is known, the frames of one read are
+    spread evenly over the time since the previous arrival.
 
-    After a loss, the numbers give the time that has passed. If they do not, as after a pause of the
-    device or a loss that was not counted, frames stay late. The line then restarts at the present
-    with the same period.
+    After a loss, the frame numbers give the elapsed time. After a pause of the device or an
+    uncounted loss they do not, and frames stay late. The line then restarts at the present with the
+    same period.
 
     Args:
         window (float): Seconds of arrivals over which the line is fitted.
@@ -63,13 +63,13 @@ class FrameClock:
 
     @property
     def rate(self) -> float | None:
-        r"""Frames per second over the last seconds, by their numbers; :obj:`None` in the first
+        r"""Frames per second over the last seconds, by frame numbers; :obj:`None` in the first
         second."""
         return None if self._spacing is None or self._observed_seconds < 1 else 1 / self._spacing
 
     @property
     def largest_gap(self) -> float:
-        r"""Longest time between two frames in seconds that is not an outage: five periods, and at
+        r"""Longest time in seconds between two frames that is not an outage: five periods, and at
         least 50 ms."""
         if self._spacing is None:
             return _DEFAULT_GAP_SECONDS
@@ -112,8 +112,8 @@ class FrameClock:
         return times
 
     def observe(self, number: int, time: float) -> float:
-        r"""Adds a frame with an exact time, and returns the time. If it is not later than that of
-        the previous frame, returns a time just after the previous one.
+        r"""Adds a frame with an exact time, and returns the time. If it is not later than the
+        previous frame, returns a time just after the previous frame.
 
         Args:
             number (int): Number of the frame.
@@ -126,7 +126,7 @@ class FrameClock:
         return self._last[1]
 
     def _to_increasing_numbers(self, numbers: Sequence[int]) -> list[int]:
-        # After a restart of the device its numbers step back; here they go on.
+        # Device numbers step back after a restart of the device; the returned numbers continue.
         count = numbers[0] - 1 if self._last is None else self._last[0]
         previous = count if self._last is None else self._device_number
         increasing = []
@@ -258,7 +258,7 @@ class FrameClock:
 
 
 def _spread_times(numbers: list[int], number: int, time: float, end: float) -> list[float]:
-    # Times at even steps of the number, from the time of one number to the end.
+    # Times in proportion to the frame numbers, from `time` at `number` to `end` at the last number.
     end = end if end > time else time + _MIN_STEP * (numbers[-1] - number)
     if len(numbers) == 1:  # the usual case
         return [end]
@@ -267,7 +267,7 @@ def _spread_times(numbers: list[int], number: int, time: float, end: float) -> l
 
 
 def _push_to_hull(hull: list[_Point], point: _Point) -> None:
-    # Adds a point to the right of a lower convex hull, and removes those that it covers.
+    # Adds a point to the right of a lower convex hull, and removes the points that it covers.
     number, arrival = point
     while len(hull) > 1:
         (first_number, first_arrival), (second_number, second_arrival) = hull[-2], hull[-1]

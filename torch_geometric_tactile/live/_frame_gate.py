@@ -1,4 +1,4 @@
-r"""Selection of the frames of a stream that a model takes."""
+r"""Selection of the frames in a stream that a model uses."""
 
 import logging
 import math
@@ -17,24 +17,25 @@ _logger = logging.getLogger(__name__)
 
 
 def frame_info(metadata: Mapping[str, Any]) -> FrameInfo:
-    r"""Returns unit, columns, rate and thinning of a model's training frames. They are unknown in
-    files of older versions.
+    r"""Returns unit, columns, rate and thinning of a model's training frames. In files of older
+    versions they are unknown.
     """
     return FrameInfo.from_dict(metadata.get("frames") or {})
 
 
 class FrameGate:
-    r"""Compares the frames of a stream with those of a model's training, reorders their columns,
-    and selects the frames that the model takes, as in training. The selection restarts after a gap.
+    r"""Compares the frames of a stream with the training frames of a model, reorders their columns,
+    and selects frames as in training. The selection restarts after a gap.
 
     Args:
         info (FrameInfo): Unit, columns, rate and thinning of the training frames.
         with_rate (bool): Whether to compare the rate.
-        max_lost (int, optional): Frames in a row that may be lost; by default, times decide.
+        max_lost (int, optional): Number of consecutive frames that may be lost. By default, gaps
+            are detected from the times.
 
     Attributes:
-        rate (float or None): Frames per second of the stream by its frame numbers, so that lost
-            frames do not lower it; :obj:`None` in the first second.
+        rate (float or None): Frames per second of the stream by its frame numbers, so lost frames
+            do not lower it; :obj:`None` in the first second.
         note (str): Message about a wrong rate; empty if the rate is right.
     """
 
@@ -49,7 +50,7 @@ class FrameGate:
         self.reset()
 
     def reset(self) -> None:
-        r"""Forgets earlier frames, for the start of a trial."""
+        r"""Forgets earlier frames. Called at the start of a trial."""
         self._last: LiveFrame | None = None
         self._elapsed = 0.0
         self._last_tick = -math.inf
@@ -57,7 +58,7 @@ class FrameGate:
         self._rate_start: tuple[int, float] | None = None
 
     def reorder(self, frame: LiveFrame) -> tuple[np.ndarray, np.ndarray | None]:
-        r"""Returns the readings and joint angles of a frame in the column order of the training.
+        r"""Returns the readings and joint angles of a frame in the column order of training.
 
         Shapes:
             - **output:** readings :math:`(N, C)` and angles :math:`(J,)`
@@ -72,7 +73,7 @@ class FrameGate:
         return tactile, joint
 
     def reorder_readings(self, tactile: np.ndarray) -> np.ndarray:
-        r"""Returns readings with the columns of the last frame in the order of the training.
+        r"""Returns readings with the columns of the last frame in the column order of training.
 
         Shapes:
             - **tactile:** :math:`(\ldots, N, C)`
@@ -94,7 +95,7 @@ class FrameGate:
             self._check_rate(info.rate, info.tolerance)
 
     def admit(self, frame: LiveFrame) -> tuple[bool, bool]:
-        r"""Adds the next frame. Returns whether the model takes it, and whether there is a gap
+        r"""Adds the next frame. Returns whether the model uses it, and whether there is a gap
         before it.
         """
         last, self._last = self._last, frame
@@ -142,9 +143,9 @@ class FrameGate:
         previous_note, self.note = self.note, ""
         if self.info.rate_differs(rate, tolerance):
             expected = self.info.selected_rate or self.info.rate
-            self.note = f"wrong rate: {rate:.3g} in place of {expected:.3g} Hz"
+            self.note = f"wrong rate: {rate:.3g} instead of {expected:.3g} Hz"
             if not previous_note:
-                _logger.warning("%s: windows do not have the duration of the training", self.note)
+                _logger.warning("%s: windows are not as long as in training", self.note)
 
 
 def _seconds_between(last: LiveFrame, frame: LiveFrame) -> float:

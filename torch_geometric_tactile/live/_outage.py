@@ -7,10 +7,10 @@ class Outage(NamedTuple):
     r"""A period in which a stream had no frame.
 
     Args:
-        start (float): Time of the last frame before the outage in seconds, as of
-            :attr:`LiveFrame.time <torch_geometric_tactile.data.LiveFrame>`.
+        start (float): Time of the last frame before the outage in seconds (see
+            :attr:`LiveFrame.time <torch_geometric_tactile.data.LiveFrame>`).
         end (float): Time of the first frame after the outage, or the present while it lasts.
-        lost (int): Missing frames, by the numbers of these two frames.
+        lost (int): Number of missing frames, from the numbers of these two frames.
 
     Examples:
         >>> outage = Outage(2.0, 5.5)

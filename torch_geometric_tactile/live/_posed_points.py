@@ -15,8 +15,8 @@ _log = logging.getLogger(__name__)
 
 
 class Points(NamedTuple):
-    r"""Positions in metres :math:`(N, 3)` in the frame :obj:`frame_id`, and values of the taxels by
-    their names :math:`(N,)`.
+    r"""Positions in metres :math:`(N, 3)` in the frame :obj:`frame_id`, and values of the taxels
+    :math:`(N,)` by name.
     """
 
     pos: np.ndarray
@@ -57,8 +57,8 @@ class PosedPoints:
             self._pose_taxels(None)  # the first call is slow; no frame should wait for it
 
     def name_joints(self, names: Any) -> None:
-        r"""Sets the order of the joint angles by their names; the order of the hand if
-        :obj:`None`.
+        r"""Sets the order of the joint angles by their names. :obj:`None` is the order of the
+        hand.
         """
         if self._hand is not None:
             self._order = _joint_order(self._hand.joint_names, names)
@@ -92,8 +92,8 @@ class PosedPoints:
                 self._joint = np.where(np.isfinite(joint), joint, self._joint)
             else:
                 _log.warning(
-                    "the points of a recording are not posed: frames have %d joint angles, and the "
-                    "hand %d",
+                    "the points of a recording are not posed: frames have %d joint angles, but the "
+                    "hand has %d",
                     len(angles),
                     len(self._order),
                 )
@@ -109,7 +109,7 @@ def _joint_order(hand_names: tuple[str, ...], names: Any) -> list[int] | None:
     if not isinstance(names, list | tuple) or set(names) != set(hand_names):
         _log.warning(
             "the points of a recording are not posed: the names of its joint angles differ from "
-            "those of the hand"
+            "the joint names of the hand"
         )
         return None
     return [list(names).index(name) for name in hand_names]

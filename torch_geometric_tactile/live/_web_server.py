@@ -1,4 +1,4 @@
-r"""A server of WebSockets in one thread, and the check of its clients."""
+r"""A WebSocket server in one thread, and checks of its clients."""
 
 import asyncio
 import logging
@@ -16,8 +16,7 @@ _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 
 class WebServer:
     r"""Base class of servers that serve all WebSocket clients in one background thread. Subclasses
-    define :meth:`_serve_client`. Pages of other sites are rejected, and so are clients beyond the
-    limit.
+    define :meth:`_serve_client`. Pages of other sites and clients beyond the limit are rejected.
 
     Args:
         host (str): Address to listen on.
@@ -54,7 +53,7 @@ class WebServer:
         r"""Starts to serve in a background thread. Does nothing if the server is running.
 
         Raises:
-            OSError: If the port is in use or the address is not one of this machine.
+            OSError: If the port is in use or the address does not belong to this machine.
         """
         if self._thread is not None:
             return
@@ -144,11 +143,12 @@ class WebServer:
 
 
 def rejection_reason(connection: Any, request: Any, host: str) -> str:
-    r"""Returns the reason for which a request is rejected, or an empty text. A request is rejected
-    if its :obj:`Host` is not a name of this machine, or if a page of another site sends it.
+    r"""Returns the reason why a request is rejected, or an empty string. A request is rejected if
+    its :obj:`Host` is not a name of this machine, or if a page of another site sends it.
 
     A foreign name that resolves to this machine (DNS rebinding) is rejected. The port in
-    :obj:`Host` may differ, since ports may be forwarded; that of :obj:`Origin` must be the same.
+    :obj:`Host` may differ from the port of the server, since ports may be forwarded. :obj:`Origin`
+    must have the same port as :obj:`Host`.
     """
     name = _single_value(request.headers.get_all("Host"))
     origin = request.headers.get_all("Origin")

@@ -12,14 +12,14 @@ from torch_geometric_tactile._limits import SENSOR_MESSAGE_BYTES
 
 _INSTALL = "pip install 'torch-geometric-tactile[live]'"
 _READ_BYTES = 1 << 16
-_MIN_TIMEOUT_SHARE = 0.95  # a timeout of the socket that is this close is not set again
+_MIN_TIMEOUT_SHARE = 0.95  # a timeout of the socket that is at least this close is not set again
 _CLOSE_SECONDS = 0.5
 
 
 class WebSocket:
-    r"""Client of a WebSocket. It uses the protocol of websockets, but not its client, which reads
-    in a second thread: passing messages between threads costs more than reading them. Needs the
-    extra :obj:`live`.
+    r"""A WebSocket client. It uses the protocol of websockets, but not its client, which reads in a
+    second thread: passing messages between threads costs more than reading them. Needs the extra
+    :obj:`live`.
 
     Args:
         url (str): Address of the server.
@@ -38,7 +38,7 @@ class WebSocket:
             raise ImportError(f"a WebSocket needs websockets: {_INSTALL}") from error
         try:
             self._uri = parse_uri(url)
-        except (InvalidURI, ValueError) as error:  # ValueError: a port that is no number
+        except (InvalidURI, ValueError) as error:  # ValueError: a port that is not a number
             raise ValueError(f"'url' must be the address of a WebSocket (got {error})") from error
         self._frame, self._opcodes = Frame, Opcode
         self._socket: socket.socket | None = None
@@ -132,7 +132,7 @@ class WebSocket:
         if not data:
             raise EOFError(self._close_reason or "the connection was closed")
         if protocol_error is not None and not self._close_reason:
-            self._close_reason = f"the server breaks the protocol ({protocol_error})"
+            self._close_reason = f"the server violates the protocol ({protocol_error})"
         return True
 
     def _handle_event(self, event: Any) -> None:

@@ -11,10 +11,10 @@ if TYPE_CHECKING:
 
 
 class Callback:
-    r"""Base class of the callbacks of a :class:`~torch_geometric_tactile.live.LiveSession`, such as
-    a gripper that closes when a slip is near. Each method does nothing unless overridden.
+    r"""Base class of the callbacks of a :class:`~torch_geometric_tactile.live.LiveSession`, for
+    example to close a gripper before an object slips. Each method does nothing unless overridden.
 
-    The thread that runs the model calls all methods but :meth:`on_health`, one after another. A
+    The thread that runs the model calls all methods except :meth:`on_health`, one after another. A
     slow method makes the session skip frames, but never the recorder. An exception ends the
     session, and :meth:`LiveSession.run` raises it.
 
@@ -33,7 +33,7 @@ class Callback:
         """
 
     def on_frame(self, session: "LiveSession", frame: LiveFrame) -> None:
-        r"""Called with each frame that the session does not skip, before the model takes it.
+        r"""Called with each frame that the session does not skip, before the model uses it.
 
         Args:
             session (LiveSession): The session.
@@ -57,7 +57,7 @@ class Callback:
         """
 
     def on_end(self, session: "LiveSession") -> None:
-        r"""Called once at the end, also after an error.
+        r"""Called once at the end, even after an error.
 
         Args:
             session (LiveSession): The session.

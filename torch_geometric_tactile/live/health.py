@@ -25,28 +25,27 @@ class Health:
 
     Args:
         state (str): :obj:`"closed"`, :obj:`"open"`, :obj:`"silent"` (open, but no frames arrive),
-            :obj:`"lost"` (waits until the port or server is back) or :obj:`"ended"`.
+            :obj:`"lost"` (waiting for the port or server to come back) or :obj:`"ended"`.
         frames (int): Number of frames since the stream was opened.
-        rate (float): Frames per second over the last 2 seconds, by frame numbers, so that lost
-            frames do not lower it.
+        rate (float): Frames per second over the last 2 seconds, by frame numbers, so lost frames do
+            not lower it.
         jitter (float): Standard deviation of the time between arrivals in seconds, over the last
             2 seconds.
-        lost (int): Number of missing frames, by the numbers or times of the frames around them.
+        lost (int): Number of missing frames, from the numbers or times of the frames around them.
         corrupt (int): Number of packets with a failed check.
         skipped (int): Number of bytes that belong to no frame.
         dropped (int): Number of frames that slow subscribers missed, over all subscribers.
-        repeated (int): Number of frames with exactly the readings of the previous frame, and of
+        repeated (int): Number of frames whose readings all equal those of the previous frame, plus
             repeated messages.
         reconnects (int): Number of times that the source was opened again.
-        stale_taxels (int): Number of taxels that did not change for a second while others did, and
-            of taxels without a reading. If the sensor has no noise, this includes taxels that are
-            not touched.
-        age (float): Time since the last frame in seconds; NaN before the first.
+        stale_taxels (int): Number of taxels that did not change for a second while other taxels
+            did, plus taxels without a reading. On a sensor without noise, this includes untouched
+            taxels.
+        age (float): Time since the last frame in seconds; NaN before the first frame.
         checksum (str): Name of the check of each frame; :obj:`"none"` if damaged readings are not
             detected.
-        reason (str): The first reason for which received data gave no frame; empty if there is
-            none.
-        outages (int): Number of outages (:attr:`Stream.outages`), including a current one.
+        reason (str): The first reason why received data gave no frame; empty if there is none.
+        outages (int): Number of outages (:attr:`Stream.outages`), including a current outage.
         outage_seconds (float): Total duration of the outages in seconds.
         lost_in_outages (int): Number of the :obj:`lost` frames that are missing in outages.
 
@@ -93,8 +92,9 @@ class Health:
 
     def line(self) -> str:
         r"""Returns the health as one line: the state unless it is open, the rate and the counts.
-        Rare counts are left out if they are zero. Dropped frames are left out, since they are usual
-        with most policies. Before the first frame, the line gives the reason why there is none."""
+        Rare counts are left out if they are zero. Dropped frames are left out, since they are
+        normal with most policies. Before the first frame, the line gives the reason why there is no
+        frame."""
         parts = [] if self.state == "open" else [self.state]
         if self.reason and not self.frames:
             return ", ".join([*parts, f"no frame: {self.reason}"])
@@ -174,7 +174,7 @@ class HealthMeter:
         )
         self._last_changes[~is_unchanged.all(axis=1)] = now
         self._checked_readings = tactile.copy()
-        # If no taxel changes, the source stands still, and the taxels are not to blame.
+        # If no taxel changes, the source has stopped, and the taxels are not stale.
         is_still = now - self._last_changes > _STALE_NS
         self._num_stale = int(
             (is_missing | is_still).sum() if not is_still.all() else is_missing.sum()
@@ -192,8 +192,8 @@ class HealthMeter:
         Args:
             state (str): The state of the stream.
             source (Source): The source of the stream, which counts losses.
-            now (int, optional): The time on the monotonic clock in nanoseconds; the present if left
-                out.
+            now (int, optional): The time on the monotonic clock in nanoseconds. By default the
+                present.
             outages (sequence of Outage): The outages of the stream.
         """
         now = time.perf_counter_ns() if now is None else now
@@ -226,9 +226,9 @@ class HealthMeter:
 
 
 def _frame_rate(received: np.ndarray, numbers: np.ndarray, now: int) -> float:
-    # From the last frame of the first read to that of the last read, since frames that are read
-    # together have arrived after the previous read. Once the time since the last read exceeds twice
-    # the usual one, the rate decreases, so that it goes to zero when a stream stops.
+    # From the last frame of the first read to the last frame of the last read, since frames that
+    # are read together arrived after the previous read. Once the time since the last read exceeds
+    # twice the usual time, the rate decreases, and goes to zero when a stream stops.
     arrivals = np.unique(received)
     if len(arrivals) < 2:
         return 0.0

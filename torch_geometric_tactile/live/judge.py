@@ -33,17 +33,18 @@ class Judgement:
             nanoseconds.
         finished (int): Time at which the prediction was ready, on the monotonic clock in
             nanoseconds.
-        probability (numpy.ndarray): Probabilities of the classes or labels :math:`(K,)`; numbers
-            for a regression. NaN if a reading that the model needs is missing, or without contact.
+        probability (numpy.ndarray): Probabilities of the classes or labels :math:`(K,)`, or the
+            predicted numbers of a regression. NaN if a reading that the model needs is missing, or
+            without contact.
         class_names (tuple of str): Names of the classes, labels or numbers.
-        task (str): As of :class:`~torch_geometric_tactile.Predictor`.
+        task (str): The task, as in :class:`~torch_geometric_tactile.Predictor`.
         latency (Mapping of str to float): Seconds of each step: :obj:`"wait"` (from the last byte
             to the start of the preparation), :obj:`"prepare"`, :obj:`"model"`, and :obj:`"total"`
             from the last byte to the prediction. An ONNX graph does most of the preparation within
             the model.
         threshold (float, optional): For two classes, the probability above which the label is the
-            second class; one half if left out.
-        lacks_contact (bool): Whether nothing touches the sensor, by the contact rule of the judge.
+            second class. By default one half.
+        lacks_contact (bool): Whether nothing touches the sensor, according to the contact rule.
 
     Examples:
         >>> answer = np.array([0.2, 0.8])
@@ -84,19 +85,19 @@ class Judgement:
 class Judge:
     r"""Runs a model on live frames.
 
-    A model of windows predicts from the first full window on, then for each frame that it takes. A
+    A windowed model predicts as soon as the first window is full, then at each selected frame. A
     recurrent model steps from frame to frame. Frames are selected as in training. After a gap in
-    time, the window starts empty. A gap is five frames long unless the training had another limit.
-    If the times of the training are unknown, lost frames are detected by their numbers.
+    time, the window starts empty. A gap is longer than five frames, unless training used another
+    limit. If the training times are unknown, lost frames are detected from their numbers.
 
     Frames may carry their unit and column names (:attr:`LiveFrame.info
-    <torch_geometric_tactile.data.LiveFrame>`). Their columns are then put in the order of the
-    training, and another unit is an error. The rate is measured over each second. If it differs
-    from that of the training, it is logged and shown by :attr:`note`.
+    <torch_geometric_tactile.data.LiveFrame>`). Their columns are then reordered as in training, and
+    a different unit is an error. The rate is measured over each second. If it differs from the
+    training rate, a warning is logged, and :attr:`note` describes it.
 
     A model that measures each session (:class:`~torch_geometric_tactile.transforms.Tare`) needs the
-    sensor at rest. The :class:`Rest` collects frames first; predictions start when it is ready. A
-    contact rule is also measured by each rest.
+    sensor at rest. The :class:`Rest` first collects frames, and predictions start when it is ready.
+    Each rest also measures the contact rule.
 
     Args:
         model (Predictor or str or PathLike): A predictor, its file, the name of a predictor of the
@@ -104,11 +105,12 @@ class Judge:
             nor Lightning.
         rest (Rest or numpy.ndarray, optional): The object that collects frames at rest, or readings
             at rest :math:`(N, C)`.
-        max_lost (int, optional): Number of frames in a row that may be lost within a window. If
-            left out, times decide; without times of the training, no frame may be lost.
-        contact (ContactRule, optional): The rule that detects frames without contact, whose label
-            is :obj:`"no contact"` and whose probabilities are NaN; the rule of the model if left
-            out. A window lacks contact if all of its frames do.
+        max_lost (int, optional): Number of consecutive frames that may be lost within a window. By
+            default, gaps are detected from the times. If the training times are unknown, no frame
+            may be lost.
+        contact (ContactRule, optional): The rule that detects frames without contact. Their label
+            is :obj:`"no contact"`, and their probabilities are NaN. By default the rule of the
+            model. A window lacks contact if all of its frames do.
 
     Attributes:
         relative (bool): Whether frames are relative to :obj:`rest`, as in a session with
@@ -118,7 +120,7 @@ class Judge:
         FileNotFoundError: If there is no such file.
         ImportError: If onnxruntime is missing.
         ValueError: If the file is not a model, or the model needs a rest and there is none. A call
-            raises it if the number of taxels, channels or joints of a frame is wrong.
+            raises it if a frame has the wrong number of taxels, channels or joints.
 
     Examples:
         >>> from torch_geometric_tactile import Predictor
@@ -183,18 +185,18 @@ class Judge:
 
     @property
     def length(self) -> int:
-        r"""Number of frames of a window; one for a model of single frames."""
+        r"""Number of frames in a window; 1 for a single-frame model."""
         return int(self._model.length)
 
     @property
     def needs_rest(self) -> bool:
-        r"""Whether the model needs a rest that was not measured yet."""
+        r"""Whether the model needs a rest that has not been measured yet."""
         return bool(self._model.needs_rest)
 
     @property
     def max_lost(self) -> int | None:
-        r"""Number of frames in a row that may be lost within a window; if :obj:`None`, times
-        decide.
+        r"""Number of consecutive frames that may be lost within a window. If :obj:`None`, gaps are
+        detected from the times.
         """
         return self._gate.max_lost
 
@@ -204,26 +206,26 @@ class Judge:
 
     @property
     def note(self) -> str:
-        r"""A message about a wrong rate, such as :obj:`"wrong rate: 50 in place of 100
-        Hz"`; empty if the rate is right or not measured yet.
+        r"""A message about a wrong rate, such as :obj:`"wrong rate: 50 instead of 100
+        Hz"`. It is empty if the rate is right or has not been measured yet.
         """
         return self._gate.note
 
     @property
     def rate(self) -> float | None:
-        r"""Frames per second of the stream over the last second, by the numbers of the frames;
+        r"""Frames per second of the stream over the last second, by frame numbers;
         :obj:`None` in the first second.
         """
         return self._gate.rate
 
     def reset(self) -> None:
-        r"""Forgets earlier frames, for the start of a trial."""
+        r"""Forgets earlier frames. Call it at the start of a trial."""
         self._gate.reset()
         self._model.reset()
 
     def __call__(self, frame: LiveFrame, *, predict: bool = True) -> Judgement | None:
-        r"""Returns the judgement of a frame. Returns :obj:`None` while the window is not full or
-        the rest is not ready, and for frames that are not selected.
+        r"""Returns the judgement of a frame, or :obj:`None` while the window is not full or the
+        rest is not ready, and for frames that are not selected.
 
         Args:
             frame (LiveFrame): The frame.
@@ -233,7 +235,7 @@ class Judge:
         self._check_shape(frame)
         tactile, joint = self._gate.reorder(frame)
         is_selected = True
-        if self.length > 1:  # models of single frames take every frame
+        if self.length > 1:  # single-frame models take every frame
             is_selected, is_break = self._gate.admit(frame)
             if is_break:
                 self._model.reset()
@@ -266,20 +268,20 @@ class Judge:
 
     def follow(self, subscription: Iterable[LiveFrame]) -> Iterator[Judgement]:
         r"""Yields judgements until the stream has ended. With policy :obj:`"all"`, each frame is
-        judged. With :obj:`"newest"` and :obj:`"drop_oldest"`, only the newest frame is judged; with
+        judged. With :obj:`"newest"` and :obj:`"drop_oldest"`, only the newest frame is judged. With
         :obj:`"drop_oldest"`, the frames in between still enter the window.
 
         Args:
             subscription (Subscription or iterable of LiveFrame): The frames.
 
         Raises:
-            ValueError: If a model of windows is used with policy :obj:`"newest"`.
+            ValueError: If a windowed model is used with policy :obj:`"newest"`.
         """
         policy = getattr(subscription, "policy", "all")
         if policy == "newest" and self.length > 1:
             raise ValueError(
-                "'subscription' must have policy 'all' or 'drop_oldest': the model takes windows "
-                f"of {self.length} frames (got 'newest')"
+                "'subscription' must have policy 'all' or 'drop_oldest', since the model needs "
+                f"windows of {self.length} frames (got 'newest')"
             )
         queue = subscription if isinstance(subscription, Subscription) else None
         newest_queue = queue if policy == "drop_oldest" else None
@@ -370,13 +372,13 @@ class _PredictorModel:
 
     @property
     def length(self) -> int:
-        r"""Number of frames of a window; one for a model of single frames."""
+        r"""Number of frames in a window; 1 for a single-frame model."""
         window = self._predictor.window
         return 1 if window is None else int(window.length)
 
     @property
     def needs_rest(self) -> bool:
-        r"""Whether the model needs a rest that was not measured yet."""
+        r"""Whether the model needs a rest that has not been measured yet."""
         return self.info["rest"] is not None and self._predictor.preparation.session.number is None
 
     def reset(self) -> None:
@@ -407,7 +409,7 @@ class _PredictorModel:
             if part.center[-1].shape == missing.shape:
                 part.center[-1][missing] = (
                     np.nan
-                )  # a taxel without readings has no rest; zero would look like one
+                )  # a taxel without readings has no rest, and zero would look like a rest
 
     def set_rest(self, center: np.ndarray, scale: np.ndarray | None = None) -> None:
         r"""Sets the centre and scale of the session, as :meth:`OnnxModel.set_rest`."""

@@ -35,14 +35,14 @@ class OnnxModel:
     Attributes:
         info (dict): The metadata of the file: :obj:`"class_names"`, :obj:`"task"`,
             :obj:`"num_taxels"`, :obj:`"num_channels"`, :obj:`"num_joints"`, :obj:`"window"`,
-            :obj:`"rest"` and more. In a file with weights of eight bits, :obj:`"quantization"`
-            holds the differences from single precision.
+            :obj:`"rest"` and more. In a file with 8-bit weights, :obj:`"quantization"` holds
+            the differences from single precision.
         frame_info (FrameInfo): Unit, columns, rate and thinning of the training frames.
-        contact (ContactRule, optional): The rule that detects frames without contact, as of
-            :class:`~torch_geometric_tactile.Predictor`. By default the rule of the file; it can be
+        contact (ContactRule, optional): The rule that detects frames without contact (see
+            :class:`~torch_geometric_tactile.Predictor`). By default the rule of the file. It can be
             set.
         lacks_contact (bool): Whether the last frame or window lacks contact. Its probabilities are
-            NaN.
+            then NaN.
         inputs (dict): Shapes of the inputs of the graph by name.
         outputs (dict): Shapes of the outputs of the graph by name.
         prepare_ns (int): Duration of the preparation of the last prediction in nanoseconds.
@@ -51,7 +51,7 @@ class OnnxModel:
     Raises:
         FileNotFoundError: If there is no such file.
         ImportError: If onnxruntime is missing.
-        ValueError: If the file is not such a model, or is of a later version.
+        ValueError: If the file is not such a model, or a later version wrote it.
 
     Examples:
         >>> model = OnnxModel("slip.onnx")  # doctest: +SKIP
@@ -64,7 +64,7 @@ class OnnxModel:
             import onnxruntime
         except ImportError as error:
             raise ImportError(
-                "a model in ONNX needs onnxruntime: pip install 'torch-geometric-tactile[export]'"
+                "an ONNX model needs onnxruntime: pip install 'torch-geometric-tactile[export]'"
             ) from error
         if not os.path.isfile(path):
             raise FileNotFoundError(f"there is no model '{os.fspath(path)}'")
@@ -81,7 +81,7 @@ class OnnxModel:
                 content, options, providers=["CPUExecutionProvider"]
             )
         except Exception as error:  # the runtime does not export its error classes
-            raise ValueError(f"'{os.fspath(path)}' is not a model in ONNX ({error})") from error
+            raise ValueError(f"'{os.fspath(path)}' is not an ONNX model ({error})") from error
         entries = self._session.get_modelmeta().custom_metadata_map
         self.info = _read_info(entries, os.fspath(path))
         self.inputs = {node.name: node.shape for node in self._session.get_inputs()}
@@ -107,12 +107,12 @@ class OnnxModel:
 
     @property
     def length(self) -> int:
-        r"""Number of frames of a window; one for a model of single frames."""
+        r"""Number of frames in a window; 1 for a single-frame model."""
         return self._length
 
     @property
     def is_quantized(self) -> bool:
-        r"""Whether large linear maps have weights of eight bits."""
+        r"""Whether large linear layers have 8-bit weights."""
         return self.info.get("quantization") is not None
 
     def __repr__(self) -> str:
@@ -131,7 +131,7 @@ class OnnxModel:
 
     @property
     def needs_rest(self) -> bool:
-        r"""Whether the model needs a rest that was not measured yet."""
+        r"""Whether the model needs a rest that has not been measured yet."""
         return self.info["rest"] is not None and not self._rest
 
     def reset(self) -> None:
@@ -149,9 +149,8 @@ class OnnxModel:
             joint (numpy.ndarray, optional): Joint angles in radians :math:`(T, J)`.
 
         Raises:
-            ValueError: If the model measures windows and there are fewer frames than in a window,
-                or for the reasons of
-                :meth:`ContactRule.measured <torch_geometric_tactile.data.ContactRule>`.
+            ValueError: If a model that measures windows gets fewer frames than a window has, or
+                :meth:`ContactRule.measured <torch_geometric_tactile.data.ContactRule>` raises it.
         """
         if self.contact is not None:
             self.contact = self.contact.measured(frames)
@@ -164,7 +163,7 @@ class OnnxModel:
         length = self.length if settings["of_windows"] else 1
         if len(frames) < length:
             raise ValueError(
-                f"a rest must have at least {length} frames, those of a window (got {len(frames)})"
+                f"a rest must have at least {length} frames, one window (got {len(frames)})"
             )
         hop = (self.info["window"]["hop"] or len(frames)) if settings["of_windows"] else 1
         if settings["from_output"]:
@@ -206,13 +205,12 @@ class OnnxModel:
 
     def add(self, tactile: np.ndarray, joint: np.ndarray | None, predict: bool = True) -> Any:
         r"""Adds the next frame, and returns the probabilities :math:`(K,)`, or :obj:`None` if there
-        are not enough frames yet. They are NaN without contact, if :attr:`contact` is set.
+        are not enough frames yet. Without contact they are NaN, if :attr:`contact` is set.
 
         Args:
             tactile (numpy.ndarray): Readings :math:`(N, C)`.
             joint (numpy.ndarray, optional): Joint angles in radians :math:`(J,)`.
-            predict (bool): Whether to return probabilities. A recurrent model computes them in any
-                case.
+            predict (bool): Whether to return probabilities. A recurrent model always computes them.
         """
         start = perf_counter_ns()
         is_stepped = bool(self._states)
@@ -238,17 +236,17 @@ class OnnxModel:
         return probability[0] if predict and is_full else None
 
     def recording(self, recording: Recording) -> np.ndarray:
-        r"""Returns the probabilities of all frames of a recording :math:`(T, K)`. For a model of
-        windows, returns those of its windows :math:`(W, K)`, selected and cut as in training. The
-        probabilities are those of :meth:`Predictor.recording
-        <torch_geometric_tactile.predictor.Predictor.recording>`. Earlier frames are forgotten.
+        r"""Returns the probabilities of all frames of a recording :math:`(T, K)`, as
+        :meth:`Predictor.recording <torch_geometric_tactile.predictor.Predictor.recording>` does.
+        For a windowed model, returns the probabilities of its windows :math:`(W, K)`, selected
+        and cut as in training. Earlier frames are forgotten.
 
         Args:
             recording (Recording): The recording.
 
         Raises:
-            ValueError: If the unit, rate or column names of the recording differ from those of the
-                training, or it has too few frames.
+            ValueError: If the unit, rate or column names of the recording differ from training, or
+                it has too few frames.
         """
         info, window = self.frame_info, self.info["window"]
         with_rate = bool(self.info.get("needs_rate", self.length > 1))
@@ -307,8 +305,8 @@ class OnnxModel:
     def _rest_samples(
         self, frames: np.ndarray, joint: np.ndarray | None, length: int, hop: int
     ) -> np.ndarray:
-        # Readings at the input of the transform that measures the session, which are an output of
-        # the graph.
+        # Readings at the input of the transform that measures the session. The graph returns them
+        # as an output.
         shape = self.info["rest"]["shape"]
         rest = {"rest": np.zeros(shape), "rest_scale": np.ones(shape, np.float32)}
         rest_inputs = {name: value for name, value in rest.items() if name in self.inputs}
@@ -329,7 +327,7 @@ class OnnxModel:
 def _session_statistics(
     samples: np.ndarray, settings: Mapping[str, Any], num_frames: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
-    r"""Returns the centre and scale of a session, equal to those of
+    r"""Returns the centre and scale of a session, as computed by
     :class:`~torch_geometric_tactile.transforms.Tare` and
     :class:`~torch_geometric_tactile.transforms.SessionZScore`. The centre of a reading that is
     missing in all samples is NaN.

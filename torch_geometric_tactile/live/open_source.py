@@ -25,10 +25,9 @@ def open_source(url: str, **settings: Any) -> Source:
     ============================================ ===================================================
     :obj:`serial:PORT?protocol=NAME`             :class:`SerialSource` with the decoder of
                                                  :func:`~torch_geometric_tactile.io.decoder_of`;
-                                                 :obj:`baudrate`, and what the decoder takes
-    :obj:`serial:PORT`                           the same for lines of numbers
-                                                 (:obj:`protocol=lines`), which the first seconds of
-                                                 bytes must be
+                                                 :obj:`baudrate`, and the settings of the decoder
+    :obj:`serial:PORT`                           the same with :obj:`protocol=lines`, if the bytes
+                                                 of the first seconds are lines of numbers
     :obj:`ws://HOST:PORT`, :obj:`wss://...`      :class:`XelaSource`; :obj:`forces`
     :obj:`file:PATH`, or the path alone          :class:`ReplaySource`; :obj:`speed`, :obj:`loop`,
                                                  and options of
@@ -42,12 +41,12 @@ def open_source(url: str, **settings: Any) -> Source:
 
     Args:
         url (str): The URL.
-        **settings (optional): Options, which override those of the URL.
+        **settings (optional): Options, which override the options in the URL.
 
     Raises:
         ImportError: If an extra is missing.
-        ValueError: If the scheme, an option or its value is unknown; the message lists the valid
-            ones.
+        ValueError: If the scheme, an option or its value is unknown. The message lists the valid
+            values.
 
     Examples:
         >>> open_source("file:grasp.h5?speed=2")
@@ -60,7 +59,7 @@ def open_source(url: str, **settings: Any) -> Source:
     scheme, colon, remainder = url.partition(":")
     if (
         not colon or "/" in scheme or len(scheme) < 2 or os.path.exists(url)
-    ):  # "C:" is a drive of Windows
+    ):  # "C:" is a Windows drive
         return (
             _file_source(url, settings)
             if os.path.exists(url)
@@ -176,7 +175,7 @@ def _to_bool(name: str, value: Any) -> bool:
     return text in _TRUE_TEXTS
 
 
-# Those of `ReplaySource` and of the readers of recordings.
+# Options of `ReplaySource` and of the readers of recordings.
 _FILE_CONVERTERS: dict[str, Callable[[str, Any], Any]] = {
     **dict.fromkeys(("speed", "rate"), _to_float),
     **dict.fromkeys(("loop", "forces", "header", "unit_row"), _to_bool),

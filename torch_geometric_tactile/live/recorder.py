@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from torch_geometric_tactile.live.stream import Stream
     from torch_geometric_tactile.sensors import TaxelLayout
 
-#: Seconds that a recording of limited length waits for frames that are still on their way.
+#: Seconds that a recording of limited length waits for late frames.
 LATE_SECONDS = 0.5
 _log = logging.getLogger(__name__)
 _SUFFIXES = (".mcap", ".h5", ".hdf5")
@@ -48,22 +48,22 @@ class Recorder:
     stays; convert it with :obj:`tactile convert grasp.mcap grasp.h5`.
 
     The constructor does everything slow, such as importing PyTorch for a layout, so that no frame
-    waits for it. Start the recorder before the stream is opened, so that no frame is missed. An
+    has to wait. Start the recorder before the stream is opened, so that no frame is missed. An
     outage (:attr:`Stream.outages`) becomes an annotation :obj:`"gap"` from the last frame before it
     to the first frame after it.
 
     No frame is lost silently. Errors, such as a full disk, a failed stream or a stream that is too
     fast for the disk, are available from :attr:`error` at once, and :meth:`close` raises them.
-    Frames that were written before are kept.
+    Frames that were written before the error are kept.
 
-    Infinite readings are written as NaN (missing), with one warning.
+    Infinite readings are written as NaN (missing), and one warning is logged.
 
     Args:
         path (str or PathLike): The file, :obj:`.mcap`, :obj:`.h5` or :obj:`.hdf5`. HDF5 files hold
             frames, events and annotations only.
         stream (Stream): The stream.
-        layout (TaxelLayout, str or PathLike, optional): The layout, for the positions of the taxels
-            that viewers show. They are written ten times a second. Needs :obj:`torch`.
+        layout (TaxelLayout, str or PathLike, optional): The layout, from which taxel positions for
+            viewers are written ten times a second. Needs :obj:`torch`.
         label (str or int, optional): Label of the recording.
         overwrite (bool): Whether to replace an existing file.
         size (int, optional): Limit of frames that wait for the disk.
@@ -72,13 +72,13 @@ class Recorder:
     Attributes:
         frames (int): Number of written frames.
         error (BaseException or None): The first error.
-        rest (numpy.ndarray or None): Readings at rest :math:`(N, C)`, for the points that viewers
-            show; the first frame if :obj:`None`.
+        rest (numpy.ndarray or None): Readings at rest :math:`(N, C)`, which are subtracted from the
+            readings in the points for viewers. If :obj:`None`, the first frame is subtracted.
         annotation (str or None): The label of the current annotation.
 
     Raises:
-        FileExistsError: If the file exists and is not to be replaced, or if the MCAP file of an
-            HDF5 file exists.
+        FileExistsError: If the file exists and :obj:`overwrite` is false, or if the MCAP file to
+            which an HDF5 file is recorded exists.
         FileNotFoundError: If the folder does not exist.
         ValueError: If the suffix is unknown, or :obj:`max_seconds` is not positive.
 
@@ -163,8 +163,8 @@ class Recorder:
         self._add(lambda file: _write_prediction(file, judgement))
 
     def event(self, kind: str, text: str = "") -> float | None:
-        r"""Writes an event at the present time, such as a new tare, and returns the seconds since
-        the first frame, or :obj:`None` before the first frame.
+        r"""Writes an event at the present time, such as a new tare. Returns the seconds since the
+        first frame, or :obj:`None` before the first frame.
 
         Args:
             kind (str): Kind of event.
@@ -176,8 +176,9 @@ class Recorder:
 
     def annotate(self, label: str) -> float | None:
         r"""Starts an annotation at the present time, and ends the current one. If the current
-        annotation has the same label, only ends it. The end of the recording ends an annotation.
-        Returns the seconds since the first frame, or :obj:`None` before the first frame.
+        annotation has the same label, only ends it. The end of the recording ends the last
+        annotation. Returns the seconds since the first frame, or :obj:`None` before the first
+        frame.
 
         Args:
             label (str): Label of the annotation.
@@ -447,12 +448,12 @@ def _check_target(path: Path, overwrite: bool) -> None:
     if mcap_path != path:
         require_h5py()
     if not path.parent.is_dir():
-        raise FileNotFoundError(f"'{path.parent}' does not exist: make the folder first")
+        raise FileNotFoundError(f"'{path.parent}' does not exist: create the folder first")
     _check_overwrite(path, overwrite)
     if mcap_path != path and mcap_path.exists():
         raise FileExistsError(
-            f"'{mcap_path}' exists, in which '{path}' would be recorded first: convert it "
-            f"({_convert_command(mcap_path, path)}), move it, or give another name"
+            f"'{mcap_path}' exists, but '{path}' would be recorded to it first: convert it "
+            f"({_convert_command(mcap_path, path)}), move it, or choose another name"
         )
     if not os.access(path.parent, os.W_OK):
         raise PermissionError(f"'{path.parent}' cannot be written to")
@@ -460,7 +461,9 @@ def _check_target(path: Path, overwrite: bool) -> None:
 
 def _check_overwrite(path: Path, overwrite: bool) -> None:
     if path.exists() and not overwrite:
-        raise FileExistsError(f"'{path}' exists: give another name, or overwrite it (--overwrite)")
+        raise FileExistsError(
+            f"'{path}' exists: choose another name, or overwrite it (--overwrite)"
+        )
 
 
 def _convert_to_hdf5(mcap_path: Path, path: Path, overwrite: bool) -> None:

@@ -27,19 +27,19 @@ class ReplayServer(WebServer):
 
     The replay starts with the first client. Each client receives :obj:`{"message": "Welcome"}` and
     then the frames at their recorded times. A client that is more than 2 seconds late skips frames,
-    as the frame numbers show. At the end of the recording the connections are closed. As with the
-    viewer, pages of other sites and more than 32 clients are rejected.
+    as the frame numbers show. At the end of the recording, the server closes the connections. As in
+    the viewer, pages of other sites and more than 32 clients are rejected.
 
     Args:
         recording (Recording, str or PathLike): The recording or its file, with counts of 3 channels
             and no missing readings.
         port (int): Port to listen on; any free port if 0.
-        speed (float): Factor of the recorded speed.
+        speed (float): Playback speed relative to the recording.
         loop (bool): Whether to start again at the end. The frame numbers continue.
         host (str): Address to listen on.
 
     Attributes:
-        port (int): Port that the server listens on; the argument before the server is started.
+        port (int): Port that the server listens on. Before the server has started, the argument.
         clients (int): Number of connected clients.
         sent (int): Number of messages sent to all clients.
 

@@ -23,8 +23,8 @@ class ReplaySource(Source):
     Args:
         path (str, PathLike or Recording): A recording, or a file of any format that
             :func:`~torch_geometric_tactile.io.read_recording` reads.
-        speed (float): Factor of the recorded speed. With 0 or infinity, frames are replayed as fast
-            as the slowest subscriber reads them.
+        speed (float): Playback speed relative to the recording. With 0 or infinity, frames are
+            replayed as fast as the slowest subscriber reads them.
         loop (bool): Whether to start again at the end. Times and frame numbers continue.
         **read_options (optional): Options of
             :func:`~torch_geometric_tactile.io.read_recording` for the file.

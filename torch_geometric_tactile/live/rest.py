@@ -63,12 +63,12 @@ class Drift(NamedTuple):
 
 class Rest:
     r"""Collects still frames while nothing touches the sensor, for models that need the readings at
-    rest of each session.
+    rest in each session.
 
-    The frames are divided into five parts. A taxel moves if the means of its parts differ by more
-    than :obj:`max_movement` times its noise within the parts. In this case the frames are rejected,
-    an event gives the reason, and the collection starts again. Oscillations that are faster than a
-    part count as noise.
+    The frames are divided into five parts. A taxel is moving if the means of its parts differ by
+    more than :obj:`max_movement` times its noise within the parts. In this case the frames are
+    rejected, an event gives the reason, and the collection starts again. Oscillations that are
+    faster than the duration of a part count as noise.
 
     Args:
         seconds (float): Duration of the collection.
@@ -81,12 +81,12 @@ class Rest:
     Attributes:
         events (list): The events: time on the host's monotonic clock in seconds, kind
             (:obj:`"rest"`, :obj:`"moved"`, :obj:`"retare"` or :obj:`"drift"`) and text.
-        number (int): Number of rests so far.
+        number (int): Number of completed collections.
         listeners (list of callable): Called with each event, before :obj:`on_event`.
 
     Raises:
         ValueError: If a number is not positive. :meth:`add` raises it if the shape of a frame
-            differs from that of the previous frames.
+            differs from the previous frames.
 
     Examples:
         >>> rest, noise = Rest(seconds=0.5, min_frames=30), np.random.default_rng(0)
@@ -135,7 +135,7 @@ class Rest:
 
     @property
     def ready(self) -> bool:
-        r"""Whether a rest was measured."""
+        r"""Whether a rest has been measured."""
         return self._frames is not None
 
     @property
@@ -145,8 +145,8 @@ class Rest:
 
     @property
     def value(self) -> np.ndarray:
-        r"""The mean reading at rest :math:`(N, C)`, double; NaN for taxels without a reading in any
-        frame.
+        r"""The mean reading at rest :math:`(N, C)` in double precision; NaN for taxels without a
+        reading in any frame.
 
         Raises:
             RuntimeError: If there is no rest yet.
@@ -172,7 +172,7 @@ class Rest:
 
     def _require(self, value: np.ndarray | None) -> np.ndarray:
         if value is None:
-            raise RuntimeError(f"there must be a rest (got none): {self.status()}")
+            raise RuntimeError(f"the rest must be measured first: {self.status()}")
         return value
 
     def status(self) -> str:
@@ -186,7 +186,7 @@ class Rest:
         r"""Increases the minimum number of frames, for example to fill a window.
 
         Args:
-            min_frames (int): The number of frames that is needed.
+            min_frames (int): The required number of frames.
         """
         self.min_frames = max(self.min_frames, min_frames)
 
@@ -206,8 +206,8 @@ class Rest:
                     return False
                 if frame.tactile.shape != pending[-1].tactile.shape:
                     raise ValueError(
-                        f"a frame must have shape {pending[-1].tactile.shape}, as those before "
-                        f"(got {frame.tactile.shape})"
+                        f"a frame must have shape {pending[-1].tactile.shape}, as the previous "
+                        f"frames (got {frame.tactile.shape})"
                     )
             pending.append(frame)
             # Times are rounded: frames over one second may be a little closer.
@@ -219,15 +219,15 @@ class Rest:
             return self._evaluate(frame.time)
 
     def relative(self, frame: LiveFrame) -> np.ndarray:
-        r"""Adds the next frame unless the rest is ready, and returns its readings relative to the
-        rest :math:`(N, C)`, float32. While the rest is collected, they are relative to the mean of
-        the frames so far.
+        r"""Adds the next frame unless the rest is ready. Returns its readings relative to the rest
+        :math:`(N, C)`, float32. While the rest is being collected, the readings are relative to the
+        mean of the frames so far.
 
         Args:
             frame (LiveFrame): The frame.
 
         Raises:
-            RuntimeError: If the frames so far are rejected with this one.
+            RuntimeError: If the frames so far, including this frame, are rejected.
         """
         with self._lock:
             self.add(frame)
@@ -284,8 +284,8 @@ class Rest:
 
     def drift(self, frame: LiveFrame) -> Drift:
         r"""Adds the next frame, and returns the distance between the mean of the last
-        :obj:`min_frames` frames and the rest, if they are still. A steady contact looks like a
-        drift: only the caller can know whether nothing touches the sensor.
+        :obj:`min_frames` frames and the rest, if these frames are still. A steady contact looks
+        like drift: only the caller can know whether nothing touches the sensor.
 
         Args:
             frame (LiveFrame): The frame.

@@ -22,8 +22,8 @@ _log = logging.getLogger(__name__)
 _MAX_READ_BYTES = 1 << 16
 _WRITE_SECONDS = 1.0
 _MAX_DESCRIBED_BYTES = 1 << 16
-# Seconds after the first byte: between two looks at the bytes of an unnamed protocol, and until the
-# last one. A board may start for seconds before it sends.
+# Seconds after the first byte: between two checks of the bytes of an unnamed protocol, and until
+# the last check. A board may take seconds to start before it sends.
 _LOOK_SECONDS = 0.5
 _MAX_LOOK_SECONDS = 5.0
 
@@ -32,15 +32,15 @@ class SerialSource(Source):
     r"""Reads frames from a serial port through a decoder. Frames are returned as soon as they are
     complete.
 
-    If a USB device is lost, it is found again by its serial number, even if its port has another
+    If a USB device is lost, it is found again by its serial number, even if its port has a new
     name. Other devices are found by the path of their port.
 
     Args:
         port (str): Path or name of the port.
         decoder (Decoder): The decoder that converts bytes to frames.
-        baudrate (int, optional): Bits per second; that of the decoder if left out.
-        expects_lines (bool): Whether no protocol was named, and the decoder is that of lines of
-            numbers. Then the bytes of the first seconds must be such lines.
+        baudrate (int, optional): Bits per second. By default the rate of the decoder.
+        expects_lines (bool): Whether no protocol was named, so that the decoder of lines of numbers
+            is used. The bytes of the first seconds must then be such lines.
 
     Raises:
         ValueError: If :obj:`port` is empty, or :obj:`baudrate` is not positive.
@@ -126,7 +126,7 @@ class SerialSource(Source):
             text = f"'{path}' cannot be opened as a serial port: {error.strerror or error}"
             if error.errno == errno.EACCES:
                 text += (
-                    "; on Linux, join its group (often 'dialout'), as with "
+                    "; on Linux, add yourself to its group (often 'dialout'), for example with "
                     "'sudo usermod -aG dialout $USER', and log in again"
                 )
             raise (OSError(text) if error.errno is None else OSError(error.errno, text)) from error
@@ -149,13 +149,13 @@ class SerialSource(Source):
         r"""Returns the received frames, or an empty list if none is complete within the timeout.
 
         Args:
-            timeout (float): Limit of the wait in seconds. It may take up to twice as long if bytes
-                arrive that give no frame.
+            timeout (float): Limit of the wait in seconds. The call may take up to twice as long if
+                bytes arrive that give no frame.
 
         Raises:
             OSError: If the port is lost.
-            ValueError: If no protocol was named, and the bytes of the first seconds are no lines of
-                numbers.
+            ValueError: If no protocol was named, and the bytes of the first seconds are not lines
+                of numbers.
         """
         if self._serial is None:
             raise OSError(f"{self.name} is not open")
@@ -184,8 +184,8 @@ class SerialSource(Source):
         return [frame for data, arrival in reads for frame in self.decoder.feed(data, arrival)]
 
     def _are_lines(self, now: int) -> bool:
-        r"""Returns whether the first bytes are lines of numbers, and raises an error if they are
-        not after some seconds.
+        r"""Returns whether the first bytes are lines of numbers. Raises an error if they are not
+        lines of numbers after some seconds.
         """
         if not self._first_arrival:
             self._first_arrival = now
@@ -198,8 +198,8 @@ class SerialSource(Source):
             is_timeless = isinstance(self.decoder, LinesDecoder) and self.decoder.time == "none"
             if description.first_grows and is_timeless:
                 _log.warning(
-                    "'%s': the first number grows from line to line: if it is the time and no "
-                    "taxel, name its unit in the source, as time=ms",
+                    "'%s': the first number increases from line to line: if it is a time and not a "
+                    "taxel, add its unit to the source, such as time=ms",
                     self.name,
                 )
             return True
@@ -233,12 +233,12 @@ class SerialSource(Source):
             return (
                 f"{self._received} bytes arrived, but no protocol is named: name it, as "
                 f'"{self.name}?protocol=NAME" with one of {", ".join(PROTOCOLS)}, or check the '
-                f"baudrate of {self.baudrate}. The first are {description.text}{advice}"
+                f"baudrate of {self.baudrate}. The first bytes are {description.text}{advice}"
             )
         reason = f" ({self.counts.reason})" if self.counts.reason else ""
         return (
             f"{self._received} bytes arrived, but none is a frame{reason}: check the protocol, its "
-            f"settings and the baudrate of {self.baudrate}. The first are {description.text}"
+            f"settings and the baudrate of {self.baudrate}. The first bytes are {description.text}"
             f"{advice}"
         )
 
@@ -252,7 +252,7 @@ class SerialSource(Source):
         except FileNotFoundError:
             is_same_device = False
         if not is_same_device:
-            raise OSError(f"{self.name} is gone")
+            raise OSError(f"{self.name} has disappeared")
 
     def is_there(self) -> bool:
         r"""Returns whether the port exists."""

@@ -39,25 +39,26 @@ _POLL_SECONDS = 0.02
 
 class LiveSession:
     r"""Runs a model on the frames of a source, records the frames and shows them. These tasks are
-    independent: the recorder gets every frame, the model and the viewer get the newest frame.
+    independent: the recorder gets every frame, while the model and the viewer get the newest frame.
 
-    A model that measures each session needs the sensor at rest first, and so does :obj:`tare`; see
-    :class:`Rest`. Predictions start when the rest is ready.
+    A model that measures each session, or the option :obj:`tare`, needs the sensor at rest first
+    (see :class:`Rest`). Predictions start when the rest is ready.
 
     Args:
         source (Source): The source of the frames.
         judge (Judge, optional): The model that predicts labels.
-        rest (Rest, optional): The object that measures the sensor at rest; that of the judge if
-            left out.
+        rest (Rest, optional): The object that measures the sensor at rest. By default the rest of
+            the judge.
         tare (bool): Whether to subtract the rest from the readings, for a model whose training data
             were tared (such as with :obj:`AllegroUSkin(tare="hover")`).
-        taxel_map (TaxelMap or str, optional): Map from the taxels of the source to those of the
-            layout. By default the map of this package for the sensor and the layout, or for the
+        taxel_map (TaxelMap or str, optional): Map from the taxels of the source to the taxels of
+            the layout. By default the map of this package for the sensor and the layout, or for the
             layout of the model (see :class:`Stream`). :obj:`"none"` keeps the order of the source.
         layout (TaxelLayout, str or PathLike, optional): The layout, for recorder and viewer.
-        policy (str, optional): Frames that are judged: :obj:`"newest"`, :obj:`"drop_oldest"` or
-            :obj:`"all"`, see :meth:`Judge.follow`. By default the newest frame; the frames in
-            between still enter the window of a model of windows.
+        policy (str, optional): The frames that the model judges: :obj:`"newest"`,
+            :obj:`"drop_oldest"` or :obj:`"all"` (see :meth:`Judge.follow`). By default only the
+            newest frame is judged. For a windowed model, the frames in between still enter the
+            window.
         callbacks (sequence of Callback): Callbacks of the session.
 
     Attributes:
@@ -178,7 +179,7 @@ class LiveSession:
         )
         with self._lock:
             if self.recorder is not None:
-                raise ValueError(f"a recorder runs: stop that of '{self.recorder.path}' first")
+                raise ValueError(f"a recording to '{self.recorder.path}' is running: stop it first")
             recorder.rest = _rest_value(self._rest)
             recorder.start()
             self.recorder = recorder
@@ -186,7 +187,7 @@ class LiveSession:
                 self.viewer.recording = True
 
     def stop_recording(self) -> Path | None:
-        r"""Ends the recording, and returns its file, or :obj:`None` without a recording.
+        r"""Ends the recording, and returns its path, or :obj:`None` without a recording.
 
         Raises:
             OSError: If a frame could not be written; earlier frames are kept.
@@ -202,11 +203,11 @@ class LiveSession:
         return recorder.path
 
     def toggle_recording(self) -> Path | None:
-        r"""Ends the recording, or starts one in the current folder with the time as its name.
-        Returns the file.
+        r"""Ends the recording, or starts one in the current folder, named by the present time.
+        Returns the path of the recording.
 
         Raises:
-            OSError: As of :meth:`stop_recording`.
+            OSError: As for :meth:`stop_recording`.
         """
         with self._lock:
             if self.recorder is not None:
@@ -227,7 +228,7 @@ class LiveSession:
 
         Raises:
             OSError: If the source is not available.
-            ValueError: If the order of its taxels may differ from that of the layout.
+            ValueError: If its taxel order may differ from the order of the layout.
         """
         self._preload()
         frames = self.stream.subscribe(self._policy)
@@ -243,11 +244,11 @@ class LiveSession:
     def run(
         self, seconds: float | None = None, on_status: Callable[[Status], None] | None = None
     ) -> None:
-        r"""Runs until the source ends, the time is over, or :meth:`stop` is called.
+        r"""Runs until the source ends, the time limit is reached, or :meth:`stop` is called.
 
         Args:
-            seconds (float, optional): Time limit. It counts from the first frame if that arrives
-                during the call, else from this call.
+            seconds (float, optional): Time limit. It counts from the first frame if the frame
+                arrives during the call, else from the call.
             on_status (callable, optional): Called with a :class:`Status` about twice a second.
 
         Raises:
@@ -284,10 +285,10 @@ class LiveSession:
 
     def close(self) -> None:
         r"""Closes the source, the recorder and the viewer. The recorder writes its remaining frames
-        first. May be called again.
+        first. It is safe to call this twice.
 
         Raises:
-            OSError: As of :meth:`stop_recording`.
+            OSError: As for :meth:`stop_recording`.
         """
         self.stop()
         try:
@@ -332,7 +333,7 @@ class LiveSession:
             self._ended.set()
 
     def _skip_to_newest(self, frame: LiveFrame, frames: Subscription) -> LiveFrame:
-        # The frames in between enter the window of a model of windows.
+        # The frames in between enter the window of a windowed model.
         while self._policy == "drop_oldest" and not self._ended.is_set():
             newer = frames.poll()
             if newer is None:

@@ -13,15 +13,16 @@ class SimulatedSource(Source):
     r"""Simulates an Allegro hand of 384 taxels that grasps one object after another, without end.
     Needs the extra :obj:`sim`.
 
-    A complete grasp of 5 s is simulated when it is due. This takes seconds, in which no frame
-    arrives. Its frames are then returned at their times. They have no device time.
+    Each grasp of 5 s is simulated as a whole when it is due. The simulation takes seconds, during
+    which no frame arrives. The frames of the grasp are then returned at their times. They have no
+    device time.
 
     Args:
-        object (str, optional): Name of the object that is grasped; all objects of the set in turn
-            if left out.
+        object (str, optional): Name of the object that is grasped. By default all objects of the
+            set in turn.
         rate (float, optional): Frames per second, 50 (default) or an integer fraction of it.
         seed (int): Seed of the grasps, not negative.
-        objects (str): Name of the set of objects, as of
+        objects (str): Name of the set of objects, as in
             :func:`~torch_geometric_tactile.sim.simulate`.
         motion (str): :obj:`"lift"` or :obj:`"squeeze"`.
 
@@ -78,7 +79,7 @@ class SimulatedSource(Source):
 
     def read(self, timeout: float) -> list[LiveFrame]:
         r"""Returns the frames that are due, or an empty list if none is due within the timeout.
-        At the end of a grasp, simulates the next one.
+        At the end of a grasp, simulates the next grasp.
 
         Args:
             timeout (float): Limit of the wait in seconds.

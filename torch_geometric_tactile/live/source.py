@@ -38,20 +38,21 @@ class Source(ABC):
         clock_period (float, optional): Seconds after which the clock of the device wraps around.
         counts (DecoderCounts): Numbers of good, corrupt, skipped and lost frames since the first
             opening.
-        device_order (bool): Whether the taxels are in the order of the device's wiring, which is
-            not that of a layout.
+        device_order (bool): Whether the taxels are in the order of the device's wiring, which
+            matches no layout.
         meta (Mapping): Metadata of the readings, with the keys of
             :class:`~torch_geometric_tactile.data.Recording`: :obj:`"sensor"` (name of the layout),
             :obj:`"unit"`, :obj:`"rate"`, :obj:`"joint_names"`. Complete once the source is open.
-        reopens (bool): Whether a lost source may come back, so that it is opened again.
+        reopens (bool): Whether a lost source may come back. The stream then opens it again.
         clock_rate (float): Seconds on the clock of the device for each second, such as 2 for a
             recording at double speed; infinite if the clocks are unrelated.
-        exact_clock (bool): Whether the device times are those of the measurements. If
-            :obj:`False`, as for a program that stamps its messages, frames get regular times by
-            their numbers.
+        exact_clock (bool): Whether the device times are the times of the measurements. If
+            :obj:`False`, as for a program that stamps its messages, the stream computes regular
+            times from the frame numbers.
         repeats (int): Number of repeated messages, which are dropped.
         waits (bool): Whether the source can wait, such as a file that is read as fast as possible.
-            A slow subscriber of policy :obj:`"all"` then slows it down and never overflows.
+            A slow subscriber with policy :obj:`"all"` then slows the source down and never
+            overflows.
 
     Examples:
         >>> import numpy as np
@@ -87,7 +88,7 @@ class Source(ABC):
         r"""Opens the source. Does nothing if it is open.
 
         Raises:
-            OSError: If the source is not available; the message lists the available ones.
+            OSError: If the source is not available. The message lists the available sources.
         """
 
     @abstractmethod
@@ -100,7 +101,7 @@ class Source(ABC):
         Raises:
             SourceEnded: If there are no more frames.
             OSError: If the port or socket is lost.
-            EOFError: If the other side has closed it.
+            EOFError: If the other side has closed the connection.
         """
 
     def why_no_frame(self) -> str:
@@ -112,7 +113,7 @@ class Source(ABC):
         r"""Closes the source. Does nothing if it is closed."""
 
     def is_there(self) -> bool:
-        r"""Returns whether a lost source is available again, if that is cheap to test. The stream
+        r"""Returns whether a lost source is available again, if this is cheap to test. The stream
         then opens it at once."""
         return False
 

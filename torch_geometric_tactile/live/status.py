@@ -16,7 +16,7 @@ class Status(NamedTuple):
         judgement (Judgement, optional): The last prediction.
         latency (float, optional): Median latency of the last predictions in seconds.
         recorded (int, optional): Number of recorded frames; :obj:`None` without a recorder.
-        note (str): A message, such as the reason for which a rest was rejected.
+        note (str): A message, such as the reason why a rest was rejected.
         annotation (str, optional): Label of the current annotation.
 
     Examples:

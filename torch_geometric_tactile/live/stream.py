@@ -38,15 +38,16 @@ _MIN_OPEN_OUTAGE = (
 class Stream:
     r"""Reads a source in one thread and passes its frames to any number of subscribers.
 
-    Subscribe before opening, so that no frame is missed. If an open source is lost, it is opened
-    again, first after 0.1 s and then at increasing intervals up to 2 s, or as soon as it is
-    available. :meth:`health` shows this. Any other error of the source ends the stream and is
-    raised for every subscriber. A stream can be opened once. All subscribers share the arrays of
-    the readings and must not change them.
+    Subscribe before opening, so that no frame is missed. If an open source is lost, the stream
+    opens it again as soon as it is available, or at intervals that grow from 0.1 s to 2 s.
+    :meth:`health` shows this. Any other error of the source ends the stream and is raised for every
+    subscriber. A stream can be opened once. All subscribers share the arrays of the readings and
+    must not change them.
 
     Args:
         source (Source): The source. The stream opens and closes it.
-        taxel_map (TaxelMap, optional): Map from the taxel order of the source to that of a layout.
+        taxel_map (TaxelMap, optional): Map from the taxel order of the source to the order of a
+            layout.
         layout (TaxelLayout or TaxelOrder, optional): The layout whose taxel order the frames should
             have. If the source sends taxels in the order of its wiring
             (:attr:`Source.device_order`) and there is no :obj:`taxel_map`, the map of this package
@@ -54,13 +55,13 @@ class Stream:
         silent_after (float): Seconds without a frame after which the state is :obj:`"silent"`.
 
     Attributes:
-        anchor (tuple of int): One moment in nanoseconds since 1970, and on the monotonic clock: the
-            date of frame :obj:`f` is :obj:`anchor[0] + f.time * 1e9 - anchor[1]`.
+        anchor (tuple of int): The same moment in nanoseconds since 1970 and on the monotonic clock.
+            The date of frame :obj:`f` is :obj:`anchor[0] + f.time * 1e9 - anchor[1]`.
         error (BaseException, optional): The error of the source, if it failed.
 
     Raises:
         ValueError: If :obj:`silent_after` is not positive. Opening or the first frame raises it if
-            the order of the taxels may differ from that of :obj:`layout`.
+            the taxel order may differ from the order of :obj:`layout`.
 
     Examples:
         >>> from torch_geometric_tactile.live import ReplaySource, Stream
@@ -110,13 +111,13 @@ class Stream:
 
     @property
     def seconds(self) -> float:
-        r"""Seconds since the first frame, or since the stream was opened while there is no frame.
-        Negative infinity before it is opened."""
+        r"""Seconds since the first frame. Before the first frame, the seconds since the stream was
+        opened. Before it is opened, negative infinity."""
         return time.perf_counter() - self._start_time
 
     @property
     def meta(self) -> dict[str, Any]:
-        r"""Metadata of the readings, as in :attr:`Source.meta`, after the map of taxels."""
+        r"""Metadata of the readings, as in :attr:`Source.meta`, after applying the taxel map."""
         meta = dict(self.source.meta)
         if self.taxel_map is not None and self.taxel_map.layout:
             meta["sensor"] = self.taxel_map.layout
@@ -131,8 +132,8 @@ class Stream:
 
     @property
     def rate(self) -> float | None:
-        r"""Frames per second by frame numbers, so that lost frames do not lower it. The rate is on
-        the clock of the device: replaying a recording at double speed does not change it.
+        r"""Frames per second by frame numbers, so lost frames do not lower it. The rate is on the
+        clock of the device: replaying a recording at double speed does not change it.
         :obj:`None` in the first second, and for a source that waits (:attr:`Source.waits`)."""
         rate = self._frame_clock.rate
         if rate is None or self.source.waits:
@@ -141,16 +142,16 @@ class Stream:
 
     @property
     def outages(self) -> tuple[Outage, ...]:
-        r"""The past outages: times between two frames of more than five periods and 50 ms. A source
-        that waits has none."""
+        r"""The past outages: times between two frames that exceed both five periods and 50 ms. A
+        source that waits has none."""
         return tuple(self._outages)
 
     def open_outage(self, now: float) -> Outage | None:
-        r"""Returns the current outage, or :obj:`None`. There is an outage if no frame arrived for
-        more than a quarter of a second and five periods, and the source has not ended.
+        r"""Returns the current outage, or :obj:`None`. There is an outage if no frame has arrived
+        for more than a quarter of a second and five periods, and the source has not ended.
 
         Args:
-            now (float): The present time, as of :func:`time.perf_counter`.
+            now (float): The present time, as returned by :func:`time.perf_counter`.
         """
         last = self._last
         if last is None or self._state == "ended" or self.source.waits:
@@ -170,8 +171,8 @@ class Stream:
             raise OSError(f"'{self.source.name}' sent no frame: {self.source.why_no_frame()}")
 
     def subscribe(self, policy: Policy = "all", size: int | None = None) -> Subscription:
-        r"""Returns a queue of all later frames. The stream drops it when there is no reference to
-        it.
+        r"""Returns a queue of all later frames. The stream drops the queue when nothing refers to
+        it any more.
 
         Args:
             policy (str): :obj:`"all"`, :obj:`"drop_oldest"` or :obj:`"newest"`, see
@@ -197,7 +198,7 @@ class Stream:
         """
         with self._lock:
             if self._is_over or self._stop.is_set():
-                raise ValueError("a stream is opened once: create a new one")
+                raise ValueError("a stream can be opened only once: create a new one")
             if self._thread is not None:
                 return
             opened: Future[None] = Future()
@@ -220,7 +221,7 @@ class Stream:
         elif thread is not threading.current_thread():
             thread.join(_JOIN_SECONDS)
             if thread.is_alive():
-                _log.warning("%s does not respond: it is closed later", self.source)
+                _log.warning("%s does not respond: it will be closed later", self.source)
                 self._end(None)
 
     def _run(self, opened: "Future[None]") -> None:
@@ -245,7 +246,7 @@ class Stream:
         except SourceEnded:
             pass
         except (StopIteration, StopAsyncIteration) as failure:
-            # Raised as it is, it would silently end the loop of a subscriber.
+            # Unchanged, it would silently end the loop of a subscriber.
             error = RuntimeError(f"{self.source} raised {type(failure).__name__}")
             error.__cause__ = failure
         except BaseException as failure:
@@ -296,7 +297,7 @@ class Stream:
     def _reopen(self, error: BaseException, back_off: float) -> float:
         # Returns the next back-off. Only a frame resets it, since a port may open and fail at once.
         self._state = "lost"
-        _log.info("%s is lost (%s), and is opened again", self.source.name, error)
+        _log.info("%s is lost (%s) and will be opened again", self.source.name, error)
         with suppress(Exception):
             self.source.close()
         while not self._stop.is_set():
@@ -427,7 +428,7 @@ class Stream:
 
     def _map_info(self, info: FrameInfo) -> FrameInfo:
         # One object for all frames of a source, since readers compare each new object. The column
-        # names of readings are removed, because they are in the order of the source.
+        # names of readings are removed, because they are in the taxel order of the source.
         if info is not self._source_info:
             joint = {name: info.columns[name] for name in info.columns if name != "tactile"}
             self._source_info, self._mapped_info = info, info.changed(columns=joint)

@@ -51,13 +51,13 @@ class Subscription:
     r"""A queue with the frames of a stream for one reader. :meth:`Stream.subscribe
     <torch_geometric_tactile.live.Stream.subscribe>` creates it.
 
-    It is an iterator and an asynchronous iterator, which needs no thread. Frames that are in the
+    It is an iterator, and an asynchronous iterator that needs no thread. Frames that are in the
     queue when the stream ends are still delivered.
 
     Args:
-        policy (str): Treatment of a full queue. With :obj:`"all"`, no later frame is delivered, and
-            the end is an error. With :obj:`"drop_oldest"`, the oldest frame is dropped.
-            :obj:`"newest"` keeps only the newest frame.
+        policy (str): Treatment of a full queue. With :obj:`"all"`, delivery stops, and the reader
+            gets :class:`StreamOverflow` after the queued frames. With :obj:`"drop_oldest"`, the
+            oldest frame is dropped. :obj:`"newest"` keeps only the newest frame.
         size (int, optional): Limit of frames in the queue; by default 8192 with :obj:`"all"`, and
             256 with :obj:`"drop_oldest"`.
 
@@ -104,7 +104,7 @@ class Subscription:
         Raises:
             TimeoutError: If no frame arrives within the timeout.
             StreamEnded: If there are no more frames.
-            StreamOverflow: If a queue of policy :obj:`"all"` was full, after its frames.
+            StreamOverflow: After the queued frames, if a queue of policy :obj:`"all"` was full.
             Exception: The error of the source, if it failed.
         """
         deadline = None if timeout is None else perf_counter() + timeout
@@ -115,14 +115,14 @@ class Subscription:
                     return frame
                 remaining = None if deadline is None else deadline - perf_counter()
                 if remaining is not None and remaining <= 0:
-                    raise TimeoutError(f"no frame came within {timeout:g} s")
+                    raise TimeoutError(f"no frame arrived within {timeout:g} s")
                 self._changed.wait(remaining)
 
     def poll(self) -> LiveFrame | None:
         r"""Returns the next frame, or :obj:`None` if the queue is empty or the stream has ended.
 
         Raises:
-            StreamOverflow: If a queue of policy :obj:`"all"` was full, after its frames.
+            StreamOverflow: After the queued frames, if a queue of policy :obj:`"all"` was full.
             Exception: The error of the source, if it failed.
         """
         try:
@@ -163,7 +163,7 @@ class Subscription:
             return int(is_full)
 
     def has_room(self, timeout: float) -> bool:
-        r"""Waits until a frame can be added without a loss, and returns whether that is possible.
+        r"""Waits until a frame can be added without a loss, and returns whether this is possible.
         Called by the stream.
 
         Args:
@@ -195,7 +195,7 @@ class Subscription:
         if self.overflowed:
             raise StreamOverflow(
                 f"a subscriber of policy 'all' was too slow: its queue of {self.size} frames was "
-                f"full, and {self.dropped} frames are lost; use a larger 'size', or policy "
+                f"full, and {self.dropped} frames were lost; use a larger 'size', or policy "
                 "'drop_oldest'"
             )
         if self._error is not None:

@@ -1,4 +1,4 @@
-r"""Maps from the taxel order of a device to that of a layout."""
+r"""Maps from the taxel order of a device to the order of a layout."""
 
 import json
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ _KEYS = ("index", "num_taxels", "layout", "source", "models")
 
 
 class TaxelOrder(NamedTuple):
-    r"""Name and size of a layout, if the layout itself is not loaded.
+    r"""Name and size of a layout that is not loaded.
 
     Args:
         name (str): Name of the layout.
@@ -39,15 +39,15 @@ class TaxelMap:
 
     Args:
         index (sequence of int): For each taxel of the layout, its index in the source, or -1 if the
-            source does not have it :math:`(N,)`.
+            source lacks it :math:`(N,)`.
         num_taxels (int): Number of taxels of the source :math:`M`.
         layout (str): Name of the layout.
-        source (str): Reference of the order, such as a document of the manufacturer.
+        source (str): Reference for the order, such as a document of the manufacturer.
         models (sequence of str): Model names of the sensors that send this order.
 
     Raises:
-        ValueError: If :obj:`index` holds anything but integers from -1 to :math:`M - 1`, or a taxel
-            of the source twice.
+        ValueError: If :obj:`index` holds anything except integers from -1 to :math:`M - 1`, or
+            repeats a taxel of the source.
 
     Examples:
         >>> TaxelMap([2, -1, 0], num_taxels=3).apply(np.float32([[10], [20], [30]]))
@@ -69,10 +69,10 @@ class TaxelMap:
             raise ValueError(f"'num_taxels' must be a positive integer (got {num_taxels!r})")
         for name, text in (("layout", layout), ("source", source)):
             if not isinstance(text, str):
-                raise ValueError(f"'{name}' must be a text (got {type(text).__name__})")
+                raise ValueError(f"'{name}' must be a string (got {type(text).__name__})")
         is_list = isinstance(models, list | tuple)
         if not is_list or not all(isinstance(model, str) for model in models):
-            raise ValueError(f"'models' must be a list of texts (got {models!r:.80})")
+            raise ValueError(f"'models' must be a list of strings (got {models!r:.80})")
         self.models = tuple(models)
         self.index = _validate_index(index, num_taxels)
         self.num_taxels = num_taxels
@@ -101,7 +101,7 @@ class TaxelMap:
         return out
 
     def save(self, path: PathLike) -> None:
-        r"""Writes the map as a JSON file that a person can edit.
+        r"""Writes the map to a JSON file that can be edited by hand.
 
         Args:
             path (str or PathLike): The file. If writing fails, no partial file is left.
@@ -122,12 +122,12 @@ class TaxelMap:
 
         Args:
             name_or_path (str or PathLike): Name of the map, such as :obj:`"xela_allegro_368"`, or
-                path of a JSON file of :meth:`save`. Texts that end in :obj:`.json` or contain a
-                folder are paths.
+                path of a JSON file written by :meth:`save`. Strings that end in :obj:`.json` or
+                contain a folder are paths.
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: If there is no map of this name, or the file is not a map.
+            ValueError: If there is no map with this name, or the file is not a map.
         """
         text = str(name_or_path)
         if not isinstance(name_or_path, str) or text.endswith(".json") or Path(text).name != text:
@@ -143,8 +143,8 @@ class TaxelMap:
     def for_sensor(
         cls, models: Sequence[str], num_taxels: int, layout: "TaxelOrder | TaxelLayout"
     ) -> Self | None:
-        r"""Returns the map of this package from the order of a sensor to that of a layout. Returns
-        :obj:`None` if there is no such map and the layout has another number of taxels.
+        r"""Returns the map of this package from the taxel order of a sensor to the order of a
+        layout, or :obj:`None` if there is no such map and the numbers of taxels differ.
 
         Args:
             models (sequence of str): Model names that the sensor reports.
@@ -169,8 +169,8 @@ class TaxelMap:
             model_names = ", ".join(sorted(map(printable, sensors - {""}))) or "an unknown model"
             raise ValueError(
                 f"the sensor ({model_names}) sends {num_taxels} taxels in the order of its wiring, "
-                f"which may differ from that of layout '{printable(layout.name)}': give a map of "
-                "taxels (--map FILE), or --map none if both orders are equal"
+                f"which may differ from layout '{printable(layout.name)}': give a taxel map "
+                "(--map FILE), or --map none if both orders are equal"
             )
         return None
 
@@ -192,7 +192,7 @@ class TaxelMap:
                 )
             return cls(**content)
         except ValueError as error:
-            raise ValueError(f"'{path}' is not a map of taxels: {error}") from error
+            raise ValueError(f"'{path}' is not a taxel map: {error}") from error
 
     def __repr__(self) -> str:
         return (
@@ -207,7 +207,7 @@ def _folder() -> Path:
 
 def _validate_index(index: Any, num_taxels: int) -> np.ndarray:
     if isinstance(index, Sequence) and any(isinstance(entry, bool) for entry in index):
-        raise ValueError("'index' must be a list of integers (got a truth value)")
+        raise ValueError("'index' must be a list of integers (got a boolean)")
     try:
         array = np.asarray(index)
     except (ValueError, OverflowError):  # rows of different lengths, too large numbers

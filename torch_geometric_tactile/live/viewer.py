@@ -39,39 +39,40 @@ _HEALTH_FIELDS = (
 
 
 class Viewer(WebServer):
-    r"""Shows a stream on a page in the browser: the hand in its pose, readings as colour and shear
-    as arrows, label probabilities, rate, age and loss.
+    r"""Shows a stream on a page in the browser: the hand in its pose with readings as colours and
+    shear as arrows, and the label probabilities, frame rate, frame age and losses.
 
-    The page is a single file that loads nothing from other sites. It is only served on this machine
+    The page is a single file that loads nothing from other sites. It is served only on this machine
     unless :obj:`host` is another address. Pages of other sites can neither read it nor press its
     buttons: requests are rejected if their :obj:`Host` is a foreign name or their :obj:`Origin` is
     another page. There is no password. Everyone who can connect to :obj:`host`, such as other users
     of this machine, can see the page and press its buttons.
 
-    Each page has a separate subscription of the newest frame. The next frame is sent when the page
-    has shown the previous one, so a slow page skips frames, never lags, and does not slow down
-    others. Without an open page, the viewer does nothing.
+    Each page subscribes to the newest frame separately. The next frame is sent when the page has
+    shown the previous one, so a slow page skips frames, never lags, and does not slow down other
+    pages. Without an open page, the viewer does nothing.
 
     Args:
         stream (Stream): The stream; it may be opened later.
-        layout (TaxelLayout, str or PathLike, optional): The layout, its name or its file. If left
-            out, the layout that the source names as :obj:`"sensor"`. Without a layout, taxels are
-            shown in a grid by number.
+        layout (TaxelLayout, str or PathLike, optional): The layout, its name or its file. By
+            default the layout that the source names as :obj:`"sensor"`. Without a layout, taxels
+            are shown in a grid by number.
         host (str): Address to listen on.
         port (int): Port to listen on; any free port if 0.
         joint (numpy.ndarray, optional): Joint angles in radians that are shown while frames have
-            none; those of an open hand if left out.
+            none. By default the angles of an open hand.
         kinematics (HandKinematics, optional): The hand that carries the layout. By default the
             Allegro hand, for layouts on its links.
 
     Attributes:
         on_tare (callable, optional): Called without arguments, in a separate thread, when the tare
-            button is pressed. If :obj:`None`, the viewer measures its rest again.
-        on_record (callable, optional): Called in the same way by the record button, to start or end
-            a recording; set :attr:`recording` in it. If :obj:`None`, there is no such button.
-        rest (numpy.ndarray, optional): Reading that shown readings are relative to :math:`(N, C)`.
-            If :obj:`None`, the mean of the first second of the page.
-        annotation (str, optional): The current annotation of a recording, as of
+            button is pressed. If :obj:`None`, the viewer measures the rest again.
+        on_record (callable, optional): Called in the same way when the record button is pressed, to
+            start or end a recording. It must set :attr:`recording`. If :obj:`None`, there is no
+            record button.
+        rest (numpy.ndarray, optional): Readings :math:`(N, C)` that are subtracted from the shown
+            readings. If :obj:`None`, the mean of the first second of the page is subtracted.
+        annotation (str, optional): The current annotation of a recording, as in
             :attr:`Recorder.annotation`. Annotations of a replayed recording are shown in lanes.
 
     Raises:
@@ -118,7 +119,7 @@ class Viewer(WebServer):
         r"""Starts to serve in a background thread. Does nothing if the viewer is running.
 
         Raises:
-            OSError: If the port is in use or the address is not one of this machine.
+            OSError: If the port is in use or the address does not belong to this machine.
         """
         self.scenes.prepare()
         self._call_lock = asyncio.Lock()
@@ -126,7 +127,7 @@ class Viewer(WebServer):
         if not _is_local(self.host):
             _LOG.warning(
                 "the viewer is served on '%s': everyone who can connect to this address can see it "
-                "and may press its buttons",
+                "and press its buttons",
                 self.host,
             )
 
@@ -138,7 +139,7 @@ class Viewer(WebServer):
         return f"http://{host}:{self.port}/"
 
     def judgement(self, judgement: "Judgement") -> None:
-        r"""Shows the prediction of a model until the next one.
+        r"""Shows the prediction of a model until the next prediction.
 
         Args:
             judgement (Judgement): The judgement.

@@ -16,18 +16,21 @@ class XelaSource(Source):
     r"""Reads live frames from the WebSocket of XELA's server. Needs the extra :obj:`live`.
 
     The number of a message is the frame number, and its time is the device time. The server stamps
-    messages when it creates them, not when the sensor measures, so frames get regular times by
-    their numbers. If the server is started again, its numbers start again; the frame numbers
-    continue, and no loss is counted, since it is unknown. A message with the number of the previous
-    one is dropped and counted as repeated. A message that cannot be read, or has another number of
-    taxels than the first, is counted as corrupt. :obj:`extra` holds :obj:`"temp"` (temperature in
-    kelvins) and :obj:`"ups"` (updates per second, which may be fewer than messages) of each taxel,
-    if the server sends them.
+    messages when it creates them, not when the sensor measures. The stream therefore computes
+    regular times from the frame numbers.
+
+    If the server restarts, its numbers start again, but the frame numbers continue. Frames lost in
+    a restart are unknown and not counted. A message with the number of the previous message is
+    dropped and counted as repeated. A message is counted as corrupt if it cannot be read, or if its
+    number of taxels differs from the first message.
+
+    :obj:`extra` holds :obj:`"temp"` (temperature in kelvins) and :obj:`"ups"` (updates per second,
+    which may be fewer than messages) of each taxel, if the server sends them.
 
     Args:
         url (str): Address of the server.
-        forces (bool): Whether to read the forces in newtons instead of the counts; only some
-            models have them.
+        forces (bool): Whether to read the forces in newtons instead of the counts. Only some models
+            have forces.
 
     Raises:
         ImportError: If the extra is missing.
@@ -98,7 +101,9 @@ class XelaSource(Source):
             try:
                 text = self._socket.receive(max(0.0, deadline - time.perf_counter()))
             except EOFError as error:
-                raise EOFError(f"the server at '{self.name}' has closed: {error}") from error
+                raise EOFError(
+                    f"the server at '{self.name}' closed the connection: {error}"
+                ) from error
             if text is None:
                 return []
             frame = self._to_frame(text, time.perf_counter_ns())
@@ -132,7 +137,7 @@ class XelaSource(Source):
             self._sequence = frame.number
         else:
             step = frame.number - last
-            # The numbers of a restarted server step back or jump: the frame numbers go on.
+            # The numbers of a restarted server step back or jump, but the frame numbers continue.
             step = step if 0 < step <= _MAX_STEP else 1
             self._sequence += step
             self.counts.lost += step - 1

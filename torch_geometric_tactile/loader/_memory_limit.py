@@ -1,4 +1,4 @@
-r"""The memory that a process may use, and whether a data set exceeds it."""
+r"""Determines the memory that a process may use, and whether a data set exceeds it."""
 
 import os
 from contextlib import suppress
@@ -15,9 +15,9 @@ _PROCESS_GROUPS = "/proc/self/cgroup"
 def memory_limit(
     cgroup_folder: PathLike = _CGROUP_FOLDER, process_groups: PathLike = _PROCESS_GROUPS
 ) -> int | None:
-    r"""Returns the memory in bytes that this process may use: the lower one of the memory of the
-    machine and the limit of its control group (of a container or a job). It is :obj:`None` if
-    neither is known.
+    r"""Returns the memory in bytes that this process may use. This is the memory of the machine or
+    the limit of the control group (of a container or a job), whichever is lower. Returns
+    :obj:`None` if neither is known.
     """
     limits = [_group_limit(Path(cgroup_folder), line) for line in _read_lines(Path(process_groups))]
     with suppress(AttributeError, OSError, ValueError):  # not on Windows
@@ -26,7 +26,7 @@ def memory_limit(
 
 
 def exceeds_memory(dataset: Any, limit: int | None = None) -> bool:
-    r"""Returns whether the samples of a memory-mapped data set are larger than the memory."""
+    r"""Returns whether the samples of a memory-mapped data set exceed the memory."""
     limit = memory_limit() if limit is None else limit
     return limit is not None and sum(part.nbytes for part in static_parts(dataset)) > limit
 
@@ -39,8 +39,8 @@ def _read_lines(path: Path) -> list[str]:
 
 
 def _group_limit(cgroup_folder: Path, line: str) -> int | None:
-    # A line is 'number:controllers:path', without controllers in version 2. The limits of all
-    # parent groups apply as well.
+    # A line has the form 'number:controllers:path'. In version 2, there are no controllers. The
+    # limits of all parent groups also apply.
     _, _, controllers_and_path = line.partition(":")
     controllers, _, path = controllers_and_path.partition(":")
     if controllers == "":

@@ -1,4 +1,4 @@
-r"""The random states of Python, NumPy and PyTorch's CPU: to save, restore and seed them."""
+r"""Saves, restores and seeds the random states of Python, NumPy and PyTorch on the CPU."""
 
 import hashlib
 import random
@@ -11,7 +11,7 @@ import torch
 from numpy.random.mtrand import get_bit_generator, set_bit_generator
 from torch import Tensor
 
-# Errors of the generators for a state that was edited or damaged.
+# Errors that the generators raise for a state that was edited or damaged.
 _STATE_ERRORS = (
     AttributeError,
     IndexError,
@@ -38,7 +38,7 @@ class RandomStates(NamedTuple):
         return cls(torch.get_rng_state(), dict(numpy), random.getstate())
 
     def restore(self) -> None:
-        r"""Sets the global states to these."""
+        r"""Sets the global states to these states."""
         torch.set_rng_state(self.torch)
         np.random.set_state(self.numpy)  # noqa: NPY002
         random.setstate(self.python)
@@ -60,7 +60,7 @@ class RandomStates(NamedTuple):
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Returns the states from the content that :meth:`to_dict` returned.
+        r"""Returns the states from the output of :meth:`to_dict`.
 
         Raises:
             ValueError: If :obj:`content` does not hold valid states.
@@ -82,15 +82,15 @@ class RandomStates(NamedTuple):
                 states.restore()
         except _STATE_ERRORS as error:
             raise ValueError(
-                f"the random states must be those of PyTorch, NumPy and Python (got {error!r})"
+                f"the random states must be valid for PyTorch, NumPy and Python (got {error!r})"
             ) from error
         return states
 
 
 @contextmanager
 def preserve_random_states() -> Iterator[None]:
-    r"""Restores the random states of Python, NumPy and PyTorch's CPU at the end of the block, so
-    that the block does not change the random numbers after it.
+    r"""Restores the random states of Python, NumPy and PyTorch on the CPU at the end of the block,
+    so that the block does not affect later random numbers.
     """
     states = RandomStates.now()
     try:
@@ -101,8 +101,8 @@ def preserve_random_states() -> Iterator[None]:
 
 @contextmanager
 def seeded_rng(seed: int, generators: Sequence[torch.Generator] = ()) -> Iterator[None]:
-    r"""Seeds Python, NumPy, PyTorch's CPU and the generators within the block, and restores their
-    states at the end, except that NumPy loses a cached second normal number.
+    r"""Seeds Python, NumPy, PyTorch on the CPU and the generators within the block, and restores
+    their states at the end. The only exception is that NumPy loses a cached second normal number.
     """
     torch_state, python_state = torch.get_rng_state(), random.getstate()
     states = [generator.get_state() for generator in generators]
@@ -125,6 +125,6 @@ def seeded_rng(seed: int, generators: Sequence[torch.Generator] = ()) -> Iterato
 
 
 def mix_seeds(*numbers: int) -> int:
-    r"""Returns a seed of 63 bits that depends on all numbers."""
+    r"""Returns a 63-bit seed that depends on all numbers."""
     digest = hashlib.blake2b(repr(numbers).encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little") >> 1  # in the range of every generator

@@ -1,4 +1,4 @@
-r"""Random orders for data sets that do not fit into memory."""
+r"""A random order for data sets that do not fit into memory."""
 
 from collections.abc import Iterator, Sized
 
@@ -9,22 +9,23 @@ from torch_geometric_tactile._checks import need
 
 
 class BlockSampler(RandomSampler):
-    r"""Draws the samples by blocks: the blocks of consecutive samples are in random order, and the
-    samples of several blocks are shuffled together.
+    r"""Draws samples in a random order that is fast for data sets that do not fit into memory.
+    Blocks of consecutive samples are drawn in random order, and the samples of several blocks are
+    shuffled together.
 
-    Each sample is drawn once in an epoch. A memory-mapped file is read block by block, whereas a
-    full random order reads a page of the file for nearly every sample.
+    Each sample is drawn once per epoch. A memory-mapped file is read block by block, whereas a full
+    random order would read a page of the file for nearly every sample.
 
-    The class is a :class:`~torch.utils.data.RandomSampler`, so that Lightning replaces it by its
-    distributed sampler if several processes train one model. The distributed sampler draws in a
-    full random order, with the same seed in all processes.
+    If several processes train one model, Lightning replaces this sampler with its distributed
+    sampler, since this class is a :class:`~torch.utils.data.RandomSampler`. The distributed sampler
+    draws samples in a full random order, with the same seed in all processes.
 
     Args:
         data_source (Sized): The samples.
-        block_size (int): Number of consecutive samples of a block.
-        num_blocks (int): Number of blocks whose samples are mixed.
+        block_size (int): Number of consecutive samples in a block.
+        num_blocks (int): Number of blocks whose samples are shuffled together.
         generator (torch.Generator, optional): Source of the random numbers. Defaults to the global
-            one.
+            generator.
 
     Raises:
         ValueError: If a number is below one.
@@ -51,7 +52,7 @@ class BlockSampler(RandomSampler):
         self.num_blocks = num_blocks
 
     def __iter__(self) -> Iterator[int]:
-        # Draws a single number from the loader's generator, which seeds the order of the epoch.
+        # Draws a single number from the loader's generator as the seed for the order of the epoch.
         seed = torch.empty((), dtype=torch.int64).random_(generator=self.generator)
         generator = torch.Generator().manual_seed(int(seed))
         size = len(self.data_source)

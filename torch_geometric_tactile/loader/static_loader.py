@@ -1,4 +1,4 @@
-r"""A loader that cuts batches from one tensor."""
+r"""A loader that slices batches from one tensor."""
 
 import copy
 import logging
@@ -24,7 +24,7 @@ _logger = logging.getLogger(__name__)
 
 
 class _StaticCollater:
-    r"""Collates the samples that a loader has fetched to one :class:`StaticData`."""
+    r"""Collates the samples that a loader has fetched into one :class:`StaticData`."""
 
     def __init__(self, dataset: Dataset) -> None:
         self.dataset = dataset
@@ -42,20 +42,21 @@ class _StaticCollater:
 
 
 class _KeyedIndex(NamedTuple):
-    r"""The indices of the samples of a batch, and the seed of its random transforms."""
+    r"""The indices of the samples in a batch, and the seed for its random transforms."""
 
     index: Any
     seed: int | None
 
 
 class _KeyedBatches:
-    r"""The batches of a sampler, each with a seed that depends on its number and on the random
-    state at the start of the epoch.
+    r"""The batches of a sampler, each with a seed. The seed depends on the number of the batch and
+    on the random state at the start of the epoch.
 
     Args:
-        sampler (iterable): The batches of indices.
-        generator (torch.Generator, optional): Its state gives the seeds; the global one by default.
-        keyed (bool): Whether to give seeds.
+        sampler (iterable): Batches of indices.
+        generator (torch.Generator, optional): Generator whose state determines the seeds. Defaults
+            to the global generator.
+        keyed (bool): Whether to add seeds.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class _KeyedBatches:
         self.sampler = sampler
         self.generator = generator
         self.keyed = keyed
-        # Indices of batches that are requested but not yielded yet, by number.
+        # Indices of batches that were requested but not yet yielded, by number.
         self.indices: dict[int, Any] = {}
 
     def __len__(self) -> int:
@@ -78,17 +79,17 @@ class _KeyedBatches:
             yield _KeyedIndex(index, None if seed is None else mix_seeds(seed, number))
 
     def _epoch_seed(self) -> int:
-        # Drawn from a copy, so that the random numbers that follow stay the same.
+        # The seed is drawn from a copy, so that later random numbers do not change.
         source, copied_generator = self.generator, torch.Generator()
         copied_generator.set_state(torch.get_rng_state() if source is None else source.get_state())
         return int(torch.empty((), dtype=torch.int64).random_(generator=copied_generator))
 
 
 class _BatchDataset(Dataset):
-    r"""A data set whose items are batches, cut from the tensors of another data set.
+    r"""A data set whose items are batches, which are sliced from the tensors of another data set.
 
     Args:
-        dataset (Dataset): The data set of the samples.
+        dataset (Dataset): Data set that holds the samples.
     """
 
     def __init__(self, dataset: Dataset) -> None:
@@ -115,7 +116,7 @@ class _BatchDataset(Dataset):
 
 
 def _transform_generators(transform: Any) -> Iterator[torch.Generator]:
-    # The random generators that are attributes of a transform, or of the transforms in it.
+    # Yields the random generators that are attributes of a transform or of the transforms in it.
     for inner in getattr(transform, "transforms", ()):
         yield from _transform_generators(inner)
     for value in getattr(transform, "__dict__", {}).values():
@@ -124,37 +125,38 @@ def _transform_generators(transform: Any) -> Iterator[torch.Generator]:
 
 
 class StaticLoader(DataLoader):
-    r"""Loads batches of a :class:`~torch_geometric_tactile.data.StaticDataset` as
-    :class:`~torch_geometric_tactile.data.StaticData`: readings :math:`(B, N, F)` together with the
-    one :obj:`edge_index` of all samples.
+    r"""Loads batches from a :class:`~torch_geometric_tactile.data.StaticDataset` as
+    :class:`~torch_geometric_tactile.data.StaticData`. A batch holds readings :math:`(B, N, F)` and
+    one :obj:`edge_index`, which all samples share.
 
-    Batches hold the same numbers as those of :class:`torch_geometric.loader.DataLoader`, but no
-    :class:`~torch_geometric.data.Data` object is built for each sample. Shuffling, workers, pinned
-    memory, samplers and distributed sampling work as in :class:`torch.utils.data.DataLoader`.
+    Batches hold the same numbers as batches from :class:`torch_geometric.loader.DataLoader`, but
+    loading is faster, since no :class:`~torch_geometric.data.Data` object is created for each
+    sample. Shuffling, workers, pinned memory, samplers and distributed sampling work as in
+    :class:`torch.utils.data.DataLoader`.
 
     Args:
-        dataset (StaticDataset): The data set; or a :class:`~torch.utils.data.Subset` of one, such
-            as the parts of :func:`~torch.utils.data.random_split`; or a
-            :class:`~torch.utils.data.ConcatDataset` of several with the same layout, edges,
-            attributes and names of classes, groups and sessions.
-        batch_size (int, optional): Number of samples of a batch. With :obj:`None`, each index of
-            the sampler (or list of indices) is a batch.
-        shuffle (bool or str, optional): Whether to draw the samples in a new order every epoch.
-            With :obj:`"blocks"`, the order is that of
-            :class:`~torch_geometric_tactile.loader.BlockSampler` (which may also be passed as
-            :obj:`sampler`). With :obj:`True`, this is also the order for a memory-mapped data set
-            that is larger than the memory, and a warning is logged once.
-        keyed (bool): Whether the random numbers of transforms depend only on the epoch and the
-            number of the batch. Then they are the same for any number of workers, and the global
-            random states do not change.
+        dataset (StaticDataset): The data set. A :class:`~torch.utils.data.Subset` is also accepted,
+            such as a part from :func:`~torch.utils.data.random_split`. A
+            :class:`~torch.utils.data.ConcatDataset` is accepted if all its data sets have the same
+            layout, edges, attributes and names of classes, groups and sessions.
+        batch_size (int, optional): Number of samples in a batch. If :obj:`None`, each index (or
+            list of indices) from the sampler is a batch.
+        shuffle (bool or str, optional): Whether to draw the samples in a new order in every epoch.
+            If :obj:`"blocks"`, a :class:`~torch_geometric_tactile.loader.BlockSampler` draws the
+            samples (it can also be passed as :obj:`sampler`). If :obj:`True`, samples are drawn in
+            a full random order. The exception is a memory-mapped data set that is larger than the
+            memory: it is shuffled by blocks, and a warning is logged once.
+        keyed (bool): Whether the random numbers in transforms depend only on the epoch and the
+            number of the batch. If :obj:`True`, they are the same for any number of workers, and
+            the global random states do not change.
         **kwargs: Further arguments of :class:`torch.utils.data.DataLoader`, except
             :obj:`collate_fn`.
 
     Raises:
-        TypeError: If :obj:`dataset` is of another kind, or :obj:`collate_fn`,
-            :obj:`follow_batch` or :obj:`exclude_keys` are given.
+        TypeError: If :obj:`dataset` is not one of these data sets, or if :obj:`collate_fn`,
+            :obj:`follow_batch` or :obj:`exclude_keys` is given.
         ValueError: If the parts of a :class:`~torch.utils.data.ConcatDataset` differ in their
-            layouts, edges, attributes or names, if :obj:`shuffle` has another value, or if
+            layouts, edges, attributes or names, if :obj:`shuffle` has an unknown value, or if
             :obj:`"blocks"` is combined with a sampler.
 
     Examples:
@@ -189,23 +191,23 @@ class StaticLoader(DataLoader):
 
     @property
     def last_index(self) -> list[int]:
-        r"""The indices of the samples of the batch that was yielded last."""
+        r"""Indices of the samples in the last batch that was yielded."""
         index = [] if self._last_index is None else self._last_index
         return torch.as_tensor(index, dtype=torch.long).view(-1).tolist()
 
     def __iter__(self) -> Any:
-        # Random numbers are drawn with the first batch, not before: when Lightning resumes at the
-        # end of an epoch, it may create an iterator that it does not use.
+        # Random numbers are drawn with the first batch and not earlier. When Lightning resumes at
+        # the end of an epoch, it may create an iterator that it does not use.
         if self._iterator is not None:
-            # Persistent workers draw no seed again; this draw keeps the order independent of them.
+            # Persistent workers draw no new seed. This draw makes the order independent of them.
             torch.empty((), dtype=torch.int64).random_(generator=self.generator)
         for number, batch in enumerate(super().__iter__()):
             self._last_index = self._batches.indices.pop(number, None)
             yield batch
 
     def _get_iterator(self) -> Any:
-        # Uses private parts of PyTorch: it forbids to set `dataset` and the sampler, so they are
-        # replaced in the `__dict__` of a copy, which cuts each batch in one piece.
+        # Uses private parts of PyTorch. PyTorch forbids setting `dataset` and the sampler, so they
+        # are replaced in the `__dict__` of a copy. The copy slices each batch in one piece.
         loader = copy.copy(self)
         loader.__dict__["dataset"] = _BatchDataset(self.dataset)
         loader.__dict__[self._sampler_name] = self._batches
@@ -226,7 +228,8 @@ def _has_sampler(kwargs: Mapping[str, Any]) -> bool:
 
 
 def _shuffle_by_blocks(dataset: Any, shuffle: Any, kwargs: dict[str, Any]) -> bool:
-    # Adds a sampler to `kwargs` for an order by blocks, and returns PyTorch's `shuffle`.
+    # Adds a sampler to `kwargs` for shuffling by blocks, and returns the `shuffle` argument for
+    # PyTorch.
     if isinstance(shuffle, str):
         need(shuffle == "blocks", f"'shuffle' must be True, False or 'blocks' (got '{shuffle}')")
         need(not _has_sampler(kwargs), "'shuffle' must be left out with a sampler (got 'blocks')")
@@ -247,15 +250,15 @@ def _warn_of_blocks() -> None:
 
 
 def _check_arguments(kwargs: dict[str, Any]) -> None:
-    # Lightning rebuilds a loader from its attributes, and passes the collater of this module.
+    # Lightning rebuilds a loader from its attributes and passes the collater from this module.
     collate_fn = kwargs.pop("collate_fn", None)
     if collate_fn is not None and not isinstance(collate_fn, _StaticCollater):
         raise TypeError(
-            "StaticLoader takes no 'collate_fn', since it cuts each batch in one piece: "
+            "StaticLoader takes no 'collate_fn', since it slices each batch in one piece: "
             "use the 'transform' of the data set, or torch_geometric.loader.DataLoader"
         )
     alternatives = {
-        "follow_batch": "in (B, N, F) each sample has its own row: use "
+        "follow_batch": "in (B, N, F), each sample has a separate row: use "
         "torch_geometric.loader.DataLoader for assignment vectors",
         "exclude_keys": "drop attributes in the 'transform' of the data set, or use "
         "torch_geometric.loader.DataLoader",

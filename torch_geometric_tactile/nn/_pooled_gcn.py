@@ -1,8 +1,8 @@
-r"""A graph convolution with pooling for many samples on one topology, for training on processors.
+r"""A graph convolution with pooling for many samples on one topology, for training on CPUs.
 
-Activations are stored as :math:`(N, F, B)`. One sparse product with the :math:`(N, F \cdot B)`
-matrix then propagates the complete batch, the linear map is a batched product over the taxels, and
-the maximum over channels reads contiguous memory.
+Activations are stored as :math:`(N, F, B)`. With this layout, one sparse product with the
+:math:`(N, F \cdot B)` matrix propagates the whole batch, the linear map is a batched product over
+the taxels, and the maximum over channels reads contiguous memory.
 """
 
 from collections.abc import Iterable
@@ -19,26 +19,26 @@ from torch_geometric_tactile.nn.conv._plain import is_hooked, is_static_batch
 from torch_geometric_tactile.nn.conv._static_adjacency import StaticAdjacency, sparse_product
 from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
-# The widest activation of a block has this size, and stays in a processor's second-level cache.
+# The widest activation of a block has this size, so that it fits in a CPU's second-level cache.
 _BLOCK_BYTES = 2**20
-# Smaller than the difference between any two different activations, and above zero.
+# Positive, but smaller than the difference between any two distinct activations.
 _TINY = 1e-37
 # Smallest batch for which the memory layout of this module is faster.
 _MIN_SAMPLES = 8
 
 
 def is_pooled_gcn_faster(x: Tensor) -> bool:
-    r"""Returns whether :func:`pooled_gcn` supports features and is faster, which is the case for
-    many samples on a processor.
+    r"""Returns whether :func:`pooled_gcn` supports these features and is faster than separate
+    layers. This is the case for many samples on a CPU.
     """
     return is_static_batch(x) and x.size(0) >= _MIN_SAMPLES
 
 
 def may_merge(layers: Iterable[tuple[Any, ChannelMaxPool]]) -> bool:
-    r"""Returns whether layers may be computed by :func:`pooled_thread` without calling them.
+    r"""Returns whether :func:`pooled_thread` may compute the layers without calling them.
 
-    Each must be exactly the layer of this package with its default arguments. It must have no hook
-    or explainer, and no wrapped, pruned or reparametrised weight.
+    Each layer must be the unmodified class from this package with its default arguments. It must
+    have no hooks, no explainer, and no wrapped, pruned or reparametrised weights.
     """
     return all(
         conv.is_plain() and type(pool) is ChannelMaxPool and not is_hooked(pool)
@@ -77,9 +77,9 @@ def pooled_gcn(
         + \mathbf{b} \right) \right)
 
     Taxels are processed in blocks, so that the wide activation before the maximum stays in the
-    cache. The backward pass computes it again from the sums over the neighbours, which is faster
-    than reading it from memory. The gradient goes to the channel with the maximum, or to all
-    channels that are exactly equal to it. There is no second derivative.
+    cache. The backward pass recomputes this activation from the sums over the neighbours, which is
+    faster than reading it from memory. The gradient is passed to the channel with the maximum, or
+    to all channels that are exactly equal to the maximum. Second derivatives are not supported.
 
     Shapes:
         - **input:** features :math:`(N, F, B)`, weights :math:`(O, F)` or :math:`(S, O, F)`, biases
@@ -93,7 +93,7 @@ def pooled_gcn(
 
 
 class _PooledGCN(Function):
-    # Computes in full precision under autocast as well, which would cast only some of the products.
+    # Computes in full precision even under autocast, which would cast only some of the products.
     @staticmethod
     @custom_fwd(device_type="cpu", cast_inputs=torch.float32)
     def forward(
@@ -141,11 +141,11 @@ class _PooledGCN(Function):
             if pool > 1:
                 z = torch.bmm(blocks.weights(start, stop), u, out=blocks.z[:size])
                 distance = _pool_windows(z, pool)
-                # The maximum is computed again and not taken from `out`, since a repeated product
+                # The maximum is recomputed instead of taken from `out`, since a repeated product
                 # may differ in the last bit.
                 distance.sub_(distance.amax(dim=2, keepdim=True))
-                # Passes the gradient where the distance is zero. Writes over `z`, whose memory
-                # `distance` shares.
+                # Passes the gradient where the distance is zero. Overwrites `z`, which shares its
+                # memory with `distance`.
                 torch.ops.aten.threshold_backward.grad_input(
                     grad_z.unsqueeze(2).expand_as(distance), distance, -_TINY, grad_input=distance
                 )
@@ -167,8 +167,8 @@ class _PooledGCN(Function):
 
 
 class _BlockedMap:
-    r"""The linear map with its bias, split into blocks of taxels that share one buffer. The buffer
-    stays in the cache.
+    r"""The linear map with its bias, split into blocks of taxels. All blocks share one buffer,
+    which stays in the cache.
     """
 
     def __init__(self, h: Tensor, weight: Tensor, bias: Tensor, segment: OptTensor) -> None:

@@ -12,7 +12,7 @@ _MAX_LAYERS = 1000
 
 
 def check_sizes(advice: str = "", **sizes: Any) -> None:
-    r"""Checks that sizes are positive integers, and that numbers of layers are not excessive.
+    r"""Checks that sizes are positive integers, and that the number of layers is not excessive.
 
     Args:
         advice (str): Text to append to the message.
@@ -24,7 +24,8 @@ def check_sizes(advice: str = "", **sizes: Any) -> None:
     for name, size in sizes.items():
         if not isinstance(size, Integral) or size < 1:
             raise ValueError(f"'{name}' must be at least 1 (got {size}){advice}")
-        # Models create a list of this length, which would fill the memory, before the first layer.
+        # Models create a list of this length before the first layer, which could exhaust the
+        # memory.
         if name in ("depth", "num_layers"):
             need(size <= _MAX_LAYERS, f"'{name}' must be at most {_MAX_LAYERS}", size)
 
@@ -36,16 +37,20 @@ def checked_layer_widths(widths: Sequence[int]) -> tuple[int, ...]:
         ValueError: If there is no width, or a width is below one.
     """
     widths = tuple(widths)
-    need(widths and min(widths) >= 1, "'widths' must be at least one width of at least 1", widths)
+    need(
+        widths and min(widths) >= 1,
+        "'widths' must hold at least one width, each at least 1",
+        widths,
+    )
     return widths
 
 
 def has_taxels(x: Tensor, num_taxels: int, num_channels: int | None = None) -> bool:
-    r"""Returns whether features have this number of taxels in each sample and, unless it is
-    :obj:`None`, this number of channels.
+    r"""Returns whether features have :obj:`num_taxels` taxels in each sample and, unless it is
+    :obj:`None`, :obj:`num_channels` channels.
 
     Shapes:
-        - **x:** Features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **x:** Features :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`.
     """
     if x.dim() not in (2, 3) or (num_channels is not None and x.size(-1) != num_channels):

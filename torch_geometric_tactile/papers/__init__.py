@@ -1,4 +1,4 @@
-r"""The tables of five papers, their published numbers and their studies. Needs the extras ``train``
+r"""Tables from five papers with their published numbers and studies. Requires the extras ``train``
 and ``viz``."""
 
 from typing import TYPE_CHECKING

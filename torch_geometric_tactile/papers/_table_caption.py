@@ -7,7 +7,8 @@ from torch_geometric_tactile.experiments._experiment import Experiment
 from torch_geometric_tactile.experiments.plan import Plan, PlanRun
 from torch_geometric_tactile.experiments.source import DataSource
 
-NO_NUMBER = "\N{EN DASH}"  # in cells without a number
+NO_NUMBER = "\N{EN DASH}"  # shown in cells without a number
+_NO_SELECTION = "The test part was not used for any selection."
 
 
 def caption(run: PlanRun) -> str:
@@ -27,7 +28,9 @@ def caption(run: PlanRun) -> str:
             f"recordings are {table.recordings}."
         )
     sentences += [
-        f"Our results have separate lines: {plan.data.caption}" if sentences else plan.data.caption,
+        f"Our results are on separate lines: {plan.data.caption}"
+        if sentences
+        else plan.data.caption,
         f"Seed{'' if plan.seeds == 1 else 's'} {seeds} of split and training; mean ± standard "
         f"deviation over the {averaged_over}.",
         _protocols(plan),
@@ -43,8 +46,8 @@ def caption(run: PlanRun) -> str:
     if run.missing:
         num_runs = run.missing + len(results)
         sentences.append(
-            f"**{run.missing} of {num_runs} runs are missing** ({NO_NUMBER} where all are, and in "
-            "brackets the number of seeds where some are)."
+            f"**{run.missing} of {num_runs} runs are missing** ({NO_NUMBER} if all runs of a cell "
+            "are missing; the number of seeds in brackets if some are)."
         )
     return " ".join(sentence for sentence in sentences if sentence)
 
@@ -60,22 +63,23 @@ def _protocols(plan: Plan) -> str:
     if plan.table.paper_protocol:
         return f"{text} The paper used *{plan.table.paper_protocol}*."
     is_unknown = plan.table.is_published and sum(bool(p.note) for p in plan.table.protocols) > 1
-    return f"{text} The paper does not say which it used." if is_unknown else text
+    return f"{text} The paper does not state which protocol it used." if is_unknown else text
 
 
 def _parts(plan: Plan) -> str:
-    # The held-out parts: one sentence if all protocols have the same fractions, else a list.
+    # Returns one sentence on the split if all protocols have the same fractions, and otherwise a
+    # list of the held-out parts.
     fractions = {(entry.protocol.val, entry.protocol.test) for entry in plan.protocols}
     if len(fractions) == 1 and plan.protocols[0].protocol.test is not None:
         ((val, test),) = fractions
         assert val is not None
         assert test is not None
         percents = [f"{100 * part:.0f} %" for part in (1 - val - test, val, test)]
-        unused = f", {percents[1]} unused (for validation)" if val else ""
-        return f"{percents[0]} to train{unused}, {percents[2]} to test, once, "
+        unused = f", {percents[1]} validation (unused)" if val else ""
+        return f"Split: {percents[0]} training{unused}, {percents[2]} test. Tested once, "
     held_out = "; ".join(
         f"{entry.name}: {entry.protocol.describe()}"
-        + (", pooled before they are scored" if entry.protocol.folds else "")
+        + (", pooled before scoring" if entry.protocol.folds else "")
         for entry in plan.protocols
     )
     return f"Held out: {held_out}. Tested once, "
@@ -88,7 +92,7 @@ def _training(plan: Plan) -> str:
         if not experiment.is_estimator
     ]
     if not networks:
-        return "after the training (nothing was chosen by the test part)."
+        return f"after training. {_NO_SELECTION}"
     recipes = dict.fromkeys(
         (_optimizer(experiment), experiment.epochs, experiment.batch_size)
         for experiment in networks
@@ -99,11 +103,11 @@ def _training(plan: Plan) -> str:
             f"{_epochs_text([epochs])} ({optimizer}, batches of {batch_size})"
             for optimizer, epochs, batch_size in recipes
         )
-        return f"after {alternatives}; nothing was chosen by the test part."
+        return f"after {alternatives}. {_NO_SELECTION}"
     sizes = " or ".join(map(str, sorted({batch_size for _, _, batch_size in recipes})))
     return (
         f"after {_epochs_text([epochs for _, epochs, _ in recipes])} ({next(iter(optimizers))}, "
-        f"batches of {sizes}; nothing was chosen by the test part)."
+        f"batches of {sizes}). {_NO_SELECTION}"
     )
 
 
@@ -125,7 +129,8 @@ def _class_name(class_path: str) -> str:
 
 
 def _samples(run: PlanRun) -> str:
-    # The samples of the table, then those of models and protocols that use other samples.
+    # Describes the samples of the table, then the samples of models and protocols that use
+    # different samples.
     plan, facts = run.plan, run.plan.facts
     noun = "frame" if 0 < facts.num_trials < facts.num_samples else "sample"
     table_selection = _selection_text(plan.data, noun)
@@ -164,7 +169,8 @@ def _samples(run: PlanRun) -> str:
 
 
 def _selection_text(source: DataSource, noun: str) -> str:
-    # The selection of samples by the arguments of a source and of the frames that it is cut from.
+    # Describes which samples are selected by the arguments of a source and of the frames that it is
+    # cut from.
     settings: dict[str, Any] = {}
     layer: DataSource | None = source
     while layer is not None:
@@ -190,7 +196,7 @@ def _ordinal(number: int) -> str:
 def _tare_sentence(tare: float | str | None) -> str:
     if tare is None:
         return ""
-    if tare == "baseline":  # the name of a phase, or one recording for all trials
+    if tare == "baseline":  # the name of a phase, or of one recording for all trials
         return " The mean of the baseline readings is subtracted."
     where = f"in the phase {tare}" if isinstance(tare, str) else f"in its first {tare:g} s"
     return f" The mean of each trial's readings {where} is subtracted."
@@ -206,15 +212,15 @@ def _format_range(numbers: Sequence[int]) -> str:
 
 
 def cost_note(plan: Plan) -> str:
-    r"""Returns an explanation of the columns of costs."""
+    r"""Returns an explanation of the cost columns."""
     note = (
-        "Means over all runs. Frames/s: training frames of all epochs divided by the seconds of "
-        "the training loop, which include the transforms and other work on the machine."
+        "Means over all runs. Frames/s: training frames of all epochs divided by the duration of "
+        "the training loop, which includes the transforms and other work on the machine."
     )
     if not plan.table.measure_memory:
         return note
     return (
-        f"{note} Peak memory: growth, in a separate process, from before the model is built "
-        "(recordings loaded, scaling fitted) to the highest point of training: parameters, "
-        "gradients, the optimizer's state, activations and a batch."
+        f"{note} Peak memory: increase from before the model is created (with recordings loaded "
+        "and scaling fitted) to the maximum during training, measured in a separate process. It "
+        "includes parameters, gradients, the optimizer's state, activations and a batch."
     )

@@ -1,4 +1,4 @@
-r"""The notes of a table: orderings, positive class, ROC areas, rank correlation and draws."""
+r"""Notes on a table: orderings, positive class, ROC areas, rank correlation and draws."""
 
 import csv
 import io
@@ -33,13 +33,13 @@ _PAIR_COLUMNS = (
     "holds",
 )
 _AREA_TOLERANCE = 0.0015  # published areas and accuracies are rounded
-_MIN_RANKED = 5  # with fewer models, a rank correlation says little
+_MIN_RANKED = 5  # with fewer models, a rank correlation is not informative
 _SQUARED_PERCENT = 100.0**2  # converts variances of fractions
 
 
 @dataclass(frozen=True)
 class OrderedPair:
-    r"""Two models of an ordering, compared by one protocol."""
+    r"""Two models of an ordering, compared with one protocol."""
 
     ordering: Ordering
     protocol: str
@@ -48,8 +48,8 @@ class OrderedPair:
 
     @property
     def verdict(self) -> str:
-        r""":obj:`"yes"` or :obj:`"no"` if the difference is beyond the noise, else the reason why
-        the order is undecided.
+        r""":obj:`"yes"` or :obj:`"no"` if the difference is beyond the noise; otherwise, the reason
+        why the order is undecided.
         """
         if not self.difference.is_beyond_noise:
             return self.difference.verdict
@@ -57,7 +57,7 @@ class OrderedPair:
 
 
 def compare_orderings(run: PlanRun) -> list[OrderedPair]:
-    r"""Compares the pairs of all orderings of a table, by each protocol, on the splits for which
+    r"""Compares the pairs of all orderings of a table with each protocol, on the splits for which
     both models are finished.
     """
     comparisons = []
@@ -71,26 +71,28 @@ def compare_orderings(run: PlanRun) -> list[OrderedPair]:
 
 
 def ordering_lines(run: PlanRun) -> list[str]:
-    r"""Returns the lines of the section on orderings; empty for a table without orderings."""
+    r"""Returns the lines of the section on orderings, or an empty list for a table without
+    orderings.
+    """
     comparisons = compare_orderings(run)
     if not comparisons:
         return []
     return [
         "## Which orderings hold",
         "",
-        "An ordering of two models holds if the accuracy of the first minus that of the second, on "
-        f"the same splits, is positive and beyond the noise. {RULE}",
+        "An ordering of two models holds if the first model is more accurate than the second on "
+        f"the same splits and the difference is beyond the noise. {RULE}",
         "",
         *markdown_table(["ordering", "protocol", "holds"], _verdict_rows(comparisons)),
         "",
-        f"`{run.plan.table.name}-orderings.csv` has the difference of each pair in points and its "
-        "standard error: the larger of the one over the splits and the one over the test trials.",
+        f"`{run.plan.table.name}-orderings.csv` lists the difference for each pair in points and "
+        "its standard error over the splits or over the test trials, whichever is larger.",
         "",
     ]
 
 
 def orderings_csv(run: PlanRun) -> str:
-    r"""Returns the pairs of all orderings as CSV, one pair per line, differences in points."""
+    r"""Returns the pairs of all orderings as CSV, one pair per line, with differences in points."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(_PAIR_COLUMNS)
@@ -128,8 +130,8 @@ def _verdict_rows(comparisons: list[OrderedPair]) -> Iterator[list[str]]:
 
 
 def positive_note(run: PlanRun) -> str:
-    r"""Returns a note on the positive class and its share of the test samples; empty for a table
-    without a positive class.
+    r"""Returns a note on the positive class and its share of the test samples, or an empty string
+    for a table without a positive class.
     """
     name = run.plan.table.positive
     if not name:
@@ -140,14 +142,14 @@ def positive_note(run: PlanRun) -> str:
     )
     share_sentence = f" Its share of the test samples: {share_text}." if share_text else ""
     return (
-        f"Precision, recall and F1 score are those of the positive class, *{markdown_text(name)}* "
+        f"Precision, recall and F1 score refer to the positive class, *{markdown_text(name)}* "
         f"(class 1).{share_sentence}"
     )
 
 
 def _class_shares(run: PlanRun) -> dict[str, float]:
-    r"""Returns the fraction of test samples of the positive class, by protocol. It is the mean over
-    the finished splits of the first experiment with results.
+    r"""Returns the fraction of test samples in the positive class, by protocol. The fraction is the
+    mean over the finished splits of the first experiment with results.
     """
     shares: dict[str, list[float]] = {}
     for part, results in finished_parts(run).items():
@@ -158,8 +160,8 @@ def _class_shares(run: PlanRun) -> dict[str, float]:
 
 
 def area_note(run: PlanRun) -> str:
-    r"""Returns a note that published areas under the ROC curve are those of decisions, not of
-    scores; empty for a table without published areas.
+    r"""Returns a note that published areas under the ROC curve were computed from decisions instead
+    of scores, or an empty string for a table without published areas.
     """
     pairs = [
         (cell.published["auc"], cell.published["accuracy"] / 100)
@@ -168,7 +170,7 @@ def area_note(run: PlanRun) -> str:
     ]
     if not has_areas(run.plan.table):
         return ""
-    # The ROC curve of decisions has one corner. For balanced classes, the mean area over the
+    # The ROC curve for decisions has one corner. For balanced classes, the mean area over the
     # classes is 1 - slope * (1 - accuracy).
     slope = run.plan.facts.num_classes / (run.plan.facts.num_classes - 1) / 2
     num_equal = sum(
@@ -176,15 +178,15 @@ def area_note(run: PlanRun) -> str:
     )
     return (
         f"Areas under the ROC curve: {num_equal} of {len(pairs)} published areas are 1 - "
-        f"{slope:.3f} · (1 - accuracy) to {_AREA_TOLERANCE}. That is the area of decisions, which "
-        "is smaller than that of scores. Our areas are given for both."
+        f"{slope:.3f} · (1 - accuracy) within {_AREA_TOLERANCE}. This is the area for decisions, "
+        "which is smaller than the area for scores. Our areas are given for both."
     )
 
 
 def correlation_notes(run: PlanRun, numbers: Iterable[Number]) -> list[str]:
-    r"""Returns notes on the rank correlation of our accuracies with the published accuracies, and
-    with the columns if these are numbers. Correlations of fewer than five or of equal accuracies
-    are left out.
+    r"""Returns notes on the rank correlation of our accuracies with the published accuracies and,
+    if the columns are numbers, with the columns. Correlations are left out if there are fewer than
+    five accuracies or all are equal.
     """
     numbers = [number for number in numbers if number.metric == "accuracy"]
     published = {number.experiment: number.mean for number in numbers if number.source == PUBLISHED}
@@ -212,8 +214,8 @@ def correlation_notes(run: PlanRun, numbers: Iterable[Number]) -> list[str]:
     notes = []
     if published_correlations:
         notes.append(
-            "Rank correlation (Spearman) of published and our accuracies, 1 for the same order and "
-            f"0 for no relation: {', '.join(published_correlations)}."
+            "Rank correlation (Spearman) between published accuracies and ours (1: same order, 0: "
+            f"no relation): {', '.join(published_correlations)}."
         )
     if column_correlations:
         notes.append(
@@ -230,8 +232,8 @@ def _rank_correlation(first: list[float], second: list[float]) -> str:
 
 
 def draws_note(run: PlanRun) -> str:
-    r"""Returns a note on the draws of test samples and the variance of their accuracies; empty for
-    a table without draws.
+    r"""Returns a note on the draws of test samples and the variance of their accuracies, or an
+    empty string for a table without draws.
     """
     draws = run.plan.table.draws
     if draws is None:
@@ -243,9 +245,9 @@ def draws_note(run: PlanRun) -> str:
         if {"variance", "accuracy"} <= cell.published.keys()
     ]
     text = (
-        f"Accuracies of draws: {draws.count} draws of {100 * draws.part:.0f} % of the test "
-        f"samples, without replacement, from the predictions of one trained network (seed "
-        f"{draws.seed}): mean and variance in %² (squared points)."
+        f"Accuracies over draws: mean and variance (in squared points, %²) over {draws.count} "
+        f"draws of {100 * draws.part:.0f} % of the test samples, without replacement, from the "
+        f"predictions of one trained network (seed {draws.seed})."
     )
     if not sizes:
         return text
@@ -256,9 +258,9 @@ def draws_note(run: PlanRun) -> str:
     )
     text += (
         f" For {num_drawn:,} of {num_samples:,} samples, the variance is p(1 - p)/{num_drawn} · "
-        f"{num_samples - num_drawn}/{num_samples - 1} on average: at most {max_variance:.2f} %², "
-        "if half of the answers are correct, and "
-        f"{_SQUARED_PERCENT * draws.variance(0.95, num_samples):.2f} %² if 95 % are."
+        f"{num_samples - num_drawn}/{num_samples - 1} on average. This is at most "
+        f"{max_variance:.2f} %², if half of the answers are correct, and "
+        f"{_SQUARED_PERCENT * draws.variance(0.95, num_samples):.2f} %² if 95 % are correct."
     )
     if not published:
         return text
@@ -268,10 +270,10 @@ def draws_note(run: PlanRun) -> str:
     ]
     low, high = min(published)[0], max(published)[0]
     text += (
-        f" The published variances are {low:g} to {high:g}, {min(ratios):.1f} to "
-        f"{max(ratios):.1f} times the average of draws from one network at the published "
+        f" The published variances are {low:g} to {high:g}. This is {min(ratios):.1f} to "
+        f"{max(ratios):.1f} times the average for draws from one network at the published "
         "accuracy."
     )
     if min(ratios) <= 1:
         return text
-    return f"{text} They must have a further source, which the paper does not name."
+    return f"{text} There must be a further source of variance, which the paper does not name."

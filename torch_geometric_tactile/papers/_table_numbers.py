@@ -1,4 +1,4 @@
-r"""The numbers of a table: published numbers, and results of our runs."""
+r"""The numbers in a table: published numbers and results of our runs."""
 
 import math
 import statistics
@@ -36,13 +36,13 @@ _COST_METRICS = ("peak_memory_mb", "frames_per_second", "num_parameters", "train
 
 
 class Number(NamedTuple):
-    r"""A number of a table.
+    r"""A number in a table.
 
     :obj:`source` is :obj:`"published"`, the name of a protocol, or :obj:`"all runs"` for costs,
     which do not depend on the protocol. :obj:`spread` is the standard deviation over the seeds, or
-    over the folds if there is one seed (NaN for fewer than two values); for a published number, it
-    is the published spread. :obj:`runs` is the number of seeds in the mean, or of runs for
-    :obj:`"all runs"`.
+    over the folds if there is one seed (NaN for fewer than two values). For a published number, it
+    is the published spread. :obj:`runs` is the number of seeds in the mean or, for :obj:`"all
+    runs"`, the number of runs.
     """
 
     experiment: str
@@ -54,7 +54,7 @@ class Number(NamedTuple):
 
 
 class SeedRuns(NamedTuple):
-    r"""The folds of one experiment by one protocol with one seed."""
+    r"""The folds of one experiment with one protocol and one seed."""
 
     experiment: str
     protocol: str
@@ -78,7 +78,7 @@ def finished_parts(run: PlanRun) -> dict[SeedRuns, list[dict[str, Any]]]:
 
 
 def pooled_predictions(results: list[dict[str, Any]]) -> Predictions:
-    r"""Returns the predictions of all folds of a part, which has every test sample once."""
+    r"""Returns the joined predictions of all folds of a part. Every test sample occurs once."""
     return Predictions.join([Predictions.from_dict(result["predictions"]) for result in results])
 
 
@@ -121,7 +121,7 @@ def table_numbers(run: PlanRun) -> list[Number]:
 
 
 def run_rows(run: PlanRun) -> list[dict[str, Any]]:
-    r"""Returns the metrics and costs of each run, one row per run, in the order of the models."""
+    r"""Returns the metrics and costs of all runs, one row per run, in the order of the models."""
     names = dict.fromkeys(experiment.name for experiment in run.plan.experiments)
     order = {name: i for i, name in enumerate(names)}
     return [
@@ -140,13 +140,13 @@ def run_rows(run: PlanRun) -> list[dict[str, Any]]:
 
 
 def has_areas(table: Table) -> bool:
-    r"""Returns whether a table shows areas under the ROC curve, which needs published areas."""
+    r"""Returns whether a table shows areas under the ROC curve. This requires published areas."""
     return table.shows == "accuracy" and any("auc" in cell.published for cell in table.cells)
 
 
 def _decision_auroc(predictions: Predictions) -> float:
-    # The mean over the classes of the area under the ROC curve of decisions. The curve has one
-    # corner, so its area is the balanced accuracy.
+    # Returns the mean over the classes of the area under the ROC curve for decisions. The curve has
+    # one corner, so its area is the balanced accuracy.
     areas = [
         balanced_accuracy_score(predictions.y == label, predictions.prediction == label)
         for label in np.unique(predictions.y)

@@ -12,7 +12,8 @@ def selected_part(run: PlanRun, only: Sequence[str] | None) -> PlanRun:
 
     Args:
         run (PlanRun): The run of the full table.
-        only (sequence of str, optional): Patterns of names of experiments; all if left out.
+        only (sequence of str, optional): Patterns for the names of experiments. By default, all
+            experiments are selected.
     """
     if only is None:
         return run

@@ -1,4 +1,4 @@
-r"""The section of a table's page on studies of its models, and their pictures."""
+r"""The section on studies of models in the page of a table, and the pictures of the studies."""
 
 import math
 import statistics
@@ -27,18 +27,18 @@ from torch_geometric_tactile.visualization._training_history import LearningCurv
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_NUM_LISTED = 3  # classes with the best and the worst recall, and most frequent errors
+_NUM_LISTED = 3  # number of classes with the best and worst recall, and of most frequent errors
 
 
 def study_lines(run: PlanRun) -> list[str]:
-    r"""Returns the lines of the sections on studies; empty for a table without studies."""
+    r"""Returns the lines of the sections on studies, or an empty list if there are none."""
     studies = _read_studies(run)
     if not studies:
         return []
     lines = [
         "## Studies",
         "",
-        "Studies of the models of the first seed and fold, after the test.",
+        "These studies use the models from the first seed and fold. They were run after the test.",
         "",
     ]
     for section in (_probe_lines, _time_lines, _dead_lines):
@@ -59,7 +59,7 @@ def _drawings(run: PlanRun, studies: "_Studies") -> dict[str, Callable[[], "Figu
         for cell, entry in _study_results(run, studies, "TrainingHistory")
     }
     if curves:
-        title = f"Training of the networks ({source}); nothing was chosen on held-out samples"
+        title = f"Training of the networks ({source}); no selection on held-out samples"
         drawings["training"] = partial(plot_training, curves, title)
     embeddings = {
         f"{_cell_name(cell)}: {entry['what']}": (entry["place"], entry["label"])
@@ -100,7 +100,7 @@ _Studies = Mapping[str, Mapping[str, Any]]
 
 
 def _read_studies(run: PlanRun) -> _Studies:
-    # Studies are shown for the first protocol only.
+    # Studies are shown only for the first protocol.
     protocol = run.plan.protocols[0].name
     return {
         experiment.name: result["studies"]
@@ -142,9 +142,9 @@ def _probe_lines(run: PlanRun, studies: _Studies) -> list[str]:
     return [
         "### Accuracy of single layers in %",
         "",
-        "Multinomial logistic regressions on the frozen features of one layer, each sample divided "
-        f"by its L2 norm, fitted on {num_samples:,} samples of the training part. The paper does "
-        "not describe its probes.",
+        "Each probe is a multinomial logistic regression on the frozen features of one layer, "
+        f"fitted on {num_samples:,} samples from the training part. The features of each sample "
+        "are divided by their L2 norm. The paper does not describe its probes.",
         "",
         *markdown_table(["model", "", *layers], rows),
         "",
@@ -170,9 +170,9 @@ def _time_lines(run: PlanRun, studies: _Studies) -> list[str]:
     return [
         "### Time of one sample",
         "",
-        "Median time from readings to a class, one sample at a time on one thread, with other runs "
-        "on the machine. Networks run in eager mode. Accuracy as mean ± standard deviation over "
-        "the runs (seeds and folds).",
+        "Median time from readings to a class, for one sample at a time on one thread, while other "
+        "runs used the machine. Networks ran in eager mode. Accuracies are mean ± standard "
+        "deviation over the runs (seeds and folds).",
         "",
         *markdown_table(["model", "accuracy (%)", "ms", "published ms"], rows),
         "",
@@ -209,8 +209,8 @@ def _dead_lines(run: PlanRun, studies: _Studies) -> list[str]:
     return [
         "### Accuracy in % with dead rows",
         "",
-        "In each sample, the given number of rows, drawn at random, have the reading at rest. No "
-        "model was trained on such samples.",
+        "In each sample, the given number of rows is drawn at random and set to the reading at "
+        "rest. No model was trained on such samples.",
         "",
         *markdown_table(["model", *(f"{number} dead" for number in num_rows)], rows),
         "",
@@ -228,7 +228,7 @@ def _dead_curves(run: PlanRun, studies: _Studies) -> dict[str, list[tuple[float,
 
 
 def _first_seed_predictions(run: PlanRun, cell: Cell) -> Predictions | None:
-    # The predictions of the first seed, if all its folds are finished.
+    # Returns the predictions of the first seed if all its folds are finished.
     protocol = run.plan.protocols[0].name
     for part, results in finished_parts(run).items():
         if (part.experiment, part.protocol, part.seed) == (cell.experiment, protocol, 0):

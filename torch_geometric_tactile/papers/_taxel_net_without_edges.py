@@ -1,4 +1,4 @@
-r"""The :obj:`TaxelNet` without edges, to measure the benefit of its graph."""
+r"""A :obj:`TaxelNet` without edges, to measure the benefit of its graph."""
 
 import torch
 
@@ -9,8 +9,8 @@ from torch_geometric_tactile.sensors import TaxelLayout
 
 class TaxelNetWithoutEdges(TaxelNet):
     r"""A :class:`~torch_geometric_tactile.nn.models.TaxelNet` without edges. Everything else is the
-    same, including the initial weights for a seed, so that a difference in accuracy is due to the
-    edges.
+    same, including the initial weights for a given seed, so that any difference in accuracy is due
+    to the edges.
 
     Examples:
         >>> TaxelNetWithoutEdges("biotac_sp", 2, depth=1)
@@ -18,8 +18,8 @@ class TaxelNetWithoutEdges(TaxelNet):
 
     Shapes:
         - **out_channels:** Number of labels or classes :math:`C`.
-        - **in_channels:** Features of each taxel :math:`F`.
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **in_channels:** Number of features per taxel :math:`F`.
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`
         - **output:** logits :math:`(B, C)`
     """

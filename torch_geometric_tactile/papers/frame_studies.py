@@ -1,4 +1,4 @@
-r"""Studies of the time per frame, and of the accuracy on damaged arrays."""
+r"""Studies of the time per frame and the accuracy on damaged arrays."""
 
 import statistics
 import time
@@ -14,8 +14,8 @@ from torch_geometric_tactile.experiments.studies import Study, Trained
 
 
 class FrameTime(Study):
-    r"""Measures the time that a model takes to classify one sample, from readings to a class, on
-    one thread. The result is the median over single calls.
+    r"""Measures how long a model takes to classify one sample, from readings to a class, on one
+    thread. The result is the median over single calls.
 
     Args:
         num_calls (int): Number of calls.
@@ -51,15 +51,15 @@ def _classify(trained: Trained, sample_input: Any) -> Any:
 
 
 class DeadRows(Study):
-    r"""Tests a model on samples with dead rows, as caused by a broken signal line. The rows are
-    drawn at random for each sample, and the model was not trained on such samples. Rows are those
-    of the image map of the layout, or else taxels with equal :math:`y`.
+    r"""Tests a model on samples with dead rows, as caused by a broken signal line. The dead rows
+    are drawn at random for each sample. The model was not trained on such samples. Rows are defined
+    by the image map of the layout or, without an image map, by taxels with equal :math:`y`.
 
-    A dead taxel has the smallest reading of the training part, which is that at rest.
+    A dead taxel has the smallest reading in the training part, which is the reading at rest.
 
     Args:
-        num_rows (sequence of int): Numbers of dead rows, with one accuracy for each.
-        seed (int): Seed of the draw of rows.
+        num_rows (sequence of int): Numbers of dead rows. An accuracy is computed for each.
+        seed (int): Seed for drawing rows.
     """
 
     def __init__(self, num_rows: Sequence[int] = (0, 1, 2, 4, 8), seed: int = 0) -> None:
@@ -71,7 +71,7 @@ class DeadRows(Study):
         layout = trained.layout
         assert layout is not None  # tables have data sets with one layout
         coordinates = layout.pos[:, 1] if layout.image_map is None else layout.image_map[:, 0]
-        # Rounded, since the coordinates of a row may differ in their last digits.
+        # Coordinates are rounded, since they may differ in their last digits within a row.
         _, row_of_taxel = np.unique(np.round(coordinates.numpy(), 6), return_inverse=True)
         rest = trained.train.x.amin(dim=(0, 1))
         rng = np.random.default_rng(self.seed)

@@ -24,10 +24,10 @@ def _layer_features(model: Any, x: Tensor, names: list[str] | None = None) -> di
     Args:
         model (torch.nn.Module): A network with a method :obj:`features`.
         x (torch.Tensor): Readings :math:`(S, N, F)`.
-        names (list of str, optional): Names of the layers; all if left out.
+        names (list of str, optional): Names of the layers. Defaults to all layers.
 
     Shapes:
-        - **output:** :math:`(S, D)` of each layer
+        - **output:** :math:`(S, D)` for each layer
     """
     batches: dict[str, list[Tensor]] = {}
     with torch.inference_mode():
@@ -39,17 +39,17 @@ def _layer_features(model: Any, x: Tensor, names: list[str] | None = None) -> di
 
 
 class LayerProbes(Study):
-    r"""Classifies samples by the frozen features of single layers, as in Table 3 of the "A Novel
-    Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape
+    r"""Classifies samples based on the frozen features of single layers, as in Table 3 of the "A
+    Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape
     Recognition" paper (Sensors 2020, 20, 5822).
 
-    The paper does not describe its probes. Ours are multinomial logistic regressions on the
-    features of a layer, each sample divided by its L2 norm, fitted on samples of the training part
-    and scored on the test part.
+    The paper does not describe its probes. The probes in this study are multinomial logistic
+    regressions on the features of a layer. The features of each sample are divided by their L2
+    norm. The probes are fitted on samples from the training part and scored on the test part.
 
     Args:
         num_samples (int): Maximum number of samples for the fit, drawn from the training part.
-        strength (float): Inverse of the regularization strength, :obj:`C` of scikit-learn.
+        strength (float): Inverse of the regularisation strength (:obj:`C` in scikit-learn).
         max_iter (int): Maximum number of iterations.
     """
 
@@ -83,14 +83,14 @@ class LayerProbes(Study):
 class FeatureEmbedding(Study):
     r"""Embeds samples of the test part in two dimensions with t-SNE, as in figure 8 of the "A Novel
     Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for Tactile Shape
-    Recognition" paper (Sensors 2020, 20, 5822). The inputs are the features of a layer of a
-    network, or the output of :obj:`transform` of an estimator, such as a histogram of visual words.
+    Recognition" paper (Sensors 2020, 20, 5822). The inputs are the features of one layer of a
+    network, or the output of an estimator's :obj:`transform`, such as a histogram of visual words.
 
     Args:
         layer (str): Name of the layer.
-        num_classes (int): Number of classes, drawn at random.
-        per_class (int): Maximum number of samples of each class.
-        seed (int): Seed of the draw of classes and samples, and of t-SNE.
+        num_classes (int): Number of classes, which are drawn at random.
+        per_class (int): Maximum number of samples per class.
+        seed (int): Seed for drawing classes and samples, and for t-SNE.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class FeatureEmbedding(Study):
         features = self._features(trained, trained.test.index_select(torch.from_numpy(index)))
         if features is None or len(index) < 3:
             return None
-        # t-SNE needs more samples than three times its perplexity.
+        # The number of samples must exceed three times the perplexity of t-SNE.
         perplexity = min(30.0, (len(index) - 1) / 3)
         reducer = TSNE(2, perplexity=perplexity, init="pca", random_state=self.seed)
         points = reducer.fit_transform(np.ascontiguousarray(features, dtype=np.float32))
@@ -136,12 +136,13 @@ class FeatureEmbedding(Study):
 
 
 class FeatureMaps(Study):
-    r"""Records the feature maps with the largest activations for one sample of the test part, as in
-    figure 7 of the "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural Network for
-    Tactile Shape Recognition" paper (Sensors 2020, 20, 5822), and the bilinear feature of each.
+    r"""Records the feature maps with the largest activations for one sample from the test part, as
+    in figure 7 of the "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural Network
+    for Tactile Shape Recognition" paper (Sensors 2020, 20, 5822). Also records the bilinear feature
+    of each map.
 
     Args:
-        class_name (str): Class of the sample, which is the first of its class in the test part.
+        class_name (str): Name of a class. The first sample of this class in the test part is used.
         layer (str): Name of the layer.
         num_maps (int): Number of maps.
     """
@@ -152,7 +153,9 @@ class FeatureMaps(Study):
         self.num_maps = num_maps
 
     def measure(self, trained: Trained) -> dict[str, Any] | None:
-        r"""Returns :obj:`image`, :obj:`maps` and, if the model has them, :obj:`bilinear` maps."""
+        r"""Returns :obj:`image`, :obj:`maps` and, if the model has bilinear features,
+        :obj:`bilinear`.
+        """
         if not hasattr(trained.model, "features") or self.class_name not in trained.class_names:
             return None
         label = list(trained.class_names).index(self.class_name)
@@ -181,5 +184,5 @@ class FeatureMaps(Study):
 
 def _to_scaled_list(values: Tensor) -> list[Any]:
     scale = float(values.abs().amax().clamp(min=1e-12))
-    # Three decimals are enough for a picture, and keep the file of a run small.
+    # Three decimals are enough for a picture and keep the file of a run small.
     return np.round((values / scale).double().numpy(), 3).tolist()

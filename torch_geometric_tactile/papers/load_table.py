@@ -1,4 +1,4 @@
-r"""The tables of the papers, by name."""
+r"""Loads the tables of the papers by name."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
@@ -12,7 +12,7 @@ from torch_geometric_tactile._checks import Argument, ArgumentError
 from torch_geometric_tactile.experiments.tables import Table, read_table, table_of
 from torch_geometric_tactile.training._config_files import expand_template, merged
 
-_CELL_KEYS = ("section", "row", "column", "experiment")  # all others are published numbers
+_CELL_KEYS = ("section", "row", "column", "experiment")  # all other keys are published numbers
 _DERIVATION_KEYS = ("like", "arguments", "variants", "template")
 _PUBLICATION_KEYS = ("paper", "place")
 
@@ -40,7 +40,7 @@ def _derive_table(changes: dict[str, Any], tables: Mapping[str, dict[str, Any]])
             for variant in _variants(cell, configs[cell["experiment"]], changes["variants"])
         ]
         return content
-    # The models of the base table with another task and other data.
+    # Uses the models of the base table with a different task and different data.
     task, cells = changes.get("task", base["task"]), []
     for cell in base["cells"]:
         config = _with_arguments(configs[cell["experiment"]], changes["arguments"])
@@ -53,9 +53,9 @@ def _derive_table(changes: dict[str, Any], tables: Mapping[str, dict[str, Any]])
 def _variants(
     cell: dict[str, Any], config: dict[str, Any], variants: Iterable[Mapping[str, Any]]
 ) -> Iterator[dict[str, Any]]:
-    # One row for a model of the base table, with a column for each variant. The first variant is
-    # the published model. The others insert transforms after given ones, and are skipped for models
-    # without these.
+    # Yields one row for a model of the base table, with a column for each variant. The first
+    # variant is the published model. The other variants insert transforms after certain transforms,
+    # and are skipped for models that do not have these.
     original, *alternatives = variants
     row = f"{cell['row']}, {cell['column']}"
     yield {**cell, "row": row, "column": original["column"], "config": config}
@@ -90,19 +90,19 @@ def _with_arguments(content: Any, arguments: Mapping[str, Any]) -> Any:
 
 
 def table_names() -> list[str]:
-    r"""Returns the names of the shipped tables."""
+    r"""Returns the names of the tables that are included in the package."""
     return list(_table_contents())
 
 
 def load_table(name: str) -> Table:
-    r"""Returns a shipped table, or a table from a YAML file.
+    r"""Returns a table that is included in the package, or a table from a YAML file.
 
     Args:
-        name (str): Name of the table, such as :obj:`"p1-table2"`, or path of a YAML file.
+        name (str): Name of the table, such as :obj:`"p1-table2"`, or the path of a YAML file.
 
     Raises:
-        ValueError: If there is no such table (the message lists the shipped tables), or the format
-            of the file is invalid (see the page on experiments).
+        ValueError: If there is no such table (the message lists the available tables), or the
+            format of the file is invalid (see :doc:`/experiments`).
     """
     if name in _table_contents():
         return table_of(name, _table_contents()[name])

@@ -15,24 +15,24 @@ _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 class TrainingHistory(Study):
     r"""Records losses and accuracy after every epoch, and the size of the gradients of each layer.
-    Nothing is chosen by these numbers. The losses are cross entropies; the training loss is the
-    mean over the batches of an epoch.
+    These numbers are not used for any selection. The losses are cross entropies. The training loss
+    is the mean over the batches of an epoch.
 
-    The size of a gradient is the root mean square over the weights of the layer, one number per
-    step. The study records the quantiles 0.05, 0.25, 0.5, 0.75 and 0.95 over all steps.
+    The size of a gradient is its root mean square over the weights of the layer, which is one
+    number per step. The study records the 0.05, 0.25, 0.5, 0.75 and 0.95 quantiles over all steps.
     """
 
     def __init__(self) -> None:
         self._recorder: _Recorder | None = None
 
     def callback(self, data: Any) -> L.Callback:
-        r"""Returns the callback that records the training."""
+        r"""Returns the callback that records losses, accuracy and gradients during training."""
         self._recorder = _Recorder(data)
         return self._recorder
 
     def measure(self, trained: Trained) -> dict[str, Any] | None:
         r"""Returns :obj:`train_loss`, :obj:`test_loss` and :obj:`test_accuracy` (one number per
-        epoch), and :obj:`gradients`, the quantiles of each layer.
+        epoch), and :obj:`gradients` (the quantiles for each layer).
         """
         if self._recorder is None or not trained.is_network:
             return None
@@ -59,7 +59,7 @@ class _Recorder(L.Callback):
         self, trainer: L.Trainer, pl_module: L.LightningModule, optimizer: Any
     ) -> None:
         for name, weight in pl_module.named_parameters():
-            # Matrices only: gradients of biases have another scale.
+            # Only matrices are recorded, since gradients of biases have a different scale.
             if weight.dim() > 1 and weight.grad is not None:
                 layer = name.removeprefix("model.").rpartition(".")[0] or name
                 size = float(weight.grad.detach().square().mean().sqrt())

@@ -1,4 +1,4 @@
-r"""The files of a table: Markdown, CSV and pictures of our numbers and the published numbers."""
+r"""Writes the files of a table: Markdown, CSV and pictures of our numbers and published numbers."""
 
 import csv
 import io
@@ -53,7 +53,7 @@ _DIGITS = {
     "frames_per_second": 0,
     "num_parameters": 0,
 }
-# The key of published numbers for each metric that has another name in the tables.
+# The key of published numbers, for each metric that has a different name in the tables.
 _PUBLISHED_KEYS = {
     "draws_variance": "variance",
     "auroc": "auc",
@@ -63,14 +63,17 @@ _PUBLISHED_KEYS = {
     "ratio": "memory",
 }
 _NumberIndex = dict[tuple[str, str, str], Number]
-# A line of a table or bar of a picture: source, metric and label.
+# A line in a table or a bar in a picture: source, metric and label.
 _Series = tuple[str, str, str]
 
 
 def write_table(run: PlanRun, out: PathLike) -> list[Path]:
-    r"""Writes :obj:`NAME.md`, :obj:`NAME.csv`, :obj:`NAME.png`, :obj:`NAME-runs.csv` (one line per
-    run), :obj:`NAME-orderings.csv` (one line per pair of models) and the pictures of studies,
-    :obj:`NAME-*.png`. Returns their paths.
+    r"""Writes the files of a table and returns their paths:
+
+    * :obj:`NAME.md`, :obj:`NAME.csv` and :obj:`NAME.png`: our numbers and the published numbers;
+    * :obj:`NAME-runs.csv`: one line per run;
+    * :obj:`NAME-orderings.csv`: one line per pair of models, if the table has orderings;
+    * :obj:`NAME-*.png`: the pictures of studies.
     """
     suffixes = (".md", ".csv", ".png", "-runs.csv")
     paths = [Path(out) / f"{run.plan.table.name}{suffix}" for suffix in suffixes]
@@ -97,7 +100,8 @@ def _picture(run: PlanRun) -> "Figure":
 
 
 def _curves(run: PlanRun) -> dict[str, list[tuple[float, float, float]]]:
-    # One line for each row and protocol. The columns are numbers, the positions on the axis.
+    # Returns one line for each row and protocol. The columns are numbers, which are the positions
+    # on the axis.
     index = _number_index(run)
     curves: dict[str, list[tuple[float, float, float]]] = {}
     for source in (PUBLISHED, *(protocol.name for protocol in run.plan.protocols)):
@@ -115,8 +119,8 @@ def _curves(run: PlanRun) -> dict[str, list[tuple[float, float, float]]]:
 
 
 def csv_text(run: PlanRun) -> str:
-    r"""Returns all numbers as CSV, one number per line: its cell of the table, source, metric,
-    mean, standard deviation and number of runs.
+    r"""Returns all numbers as CSV, with one number per line. The columns are the cell in the table,
+    source, metric, mean, standard deviation and number of runs.
     """
     cells = {cell.experiment: cell for cell in run.plan.table.cells}
     file = io.StringIO()
@@ -143,7 +147,9 @@ def csv_text(run: PlanRun) -> str:
 
 
 def _runs_csv(run: PlanRun) -> str:
-    r"""Returns metrics and costs of each run as CSV, one run per line, accuracies in percent."""
+    r"""Returns the metrics and costs of all runs as CSV, with one run per line, accuracies in
+    percent.
+    """
     rows = run_rows(run)
     file = io.StringIO()
     writer = csv.DictWriter(file, dict.fromkeys(chain.from_iterable(rows)), lineterminator="\n")
@@ -208,7 +214,7 @@ def _section_table(
         if any(_is_in_row(cell, section, row) for cell in table.cells)
         for i, (source, metric, name) in enumerate(_row_series(run, section, row, series))
     ]
-    if table.axis:  # a row for each number on the axis, as there may be many
+    if table.axis:  # one row for each number on the axis, since there may be many
         headings = [f"{row}, {name}" for row, _, name, _ in rows]
         texts_by_column = zip(columns, *(texts for *_, texts in rows), strict=True)
         return markdown_table([table.axis, *headings], [[*texts] for texts in texts_by_column])
@@ -223,7 +229,7 @@ def _section_table(
 
 def _named_models(plan: Plan) -> dict[str, Cell]:
     # Two cells may show the same model, which is trained once and listed once. Models with the same
-    # configuration but other data or transforms are named by their experiments.
+    # configuration but different data or transforms are named after their experiments.
     codes = {
         cell.experiment: replace(plan.cell_experiment(cell), studies=[]).code
         for cell in plan.table.cells
@@ -240,7 +246,7 @@ def _named_models(plan: Plan) -> dict[str, Cell]:
 
 
 def _config_name(cell: Cell) -> str:
-    # The name for `tactile fit --config` if it is an experiment of a template.
+    # Returns the name for `tactile fit --config` if the cell is an experiment from a template.
     config = str(cell.config)
     return config if config.partition("/")[0] in TEMPLATES else cell.experiment
 
@@ -298,7 +304,7 @@ def _format_number(number: Number | None, seeds: int | None = None) -> str:
 
 
 def _memory_ratio(run: PlanRun, index: _NumberIndex, cell: Cell, source: str) -> float | None:
-    # The memory relative to the first model of the table with the same inputs.
+    # Returns the memory relative to the first model in the table with the same inputs.
     base = next(
         candidate
         for candidate in run.plan.table.cells
@@ -316,7 +322,7 @@ def _number_index(run: PlanRun) -> _NumberIndex:
 
 
 def _groups(run: PlanRun) -> list[tuple[str, list[_Series]]]:
-    # The headings of the page, with the series that each model has below them.
+    # Returns the headings of the page with the series that are shown below each heading.
     table, ours = run.plan.table, run.plan.data.kind
     protocols = [protocol.name for protocol in run.plan.protocols]
     if table.shows == "memory":

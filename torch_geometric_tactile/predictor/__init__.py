@@ -1,5 +1,5 @@
-r"""Predictors: a trained model and the preparation of its readings in one file. Does not need the
-extra ``train``."""
+r"""Predictors: a trained model and the preparation of its readings in one file. Predictors do not
+need the extra ``train``."""
 
 from typing import TYPE_CHECKING
 

@@ -1,6 +1,6 @@
-r"""Transforms and models that may be built from a file, by their names.
+r"""The transforms and models that may be built from a file by their names.
 
-Names are only ever added: files that an earlier version wrote must still open.
+Names are never removed: files written by an earlier version must still open.
 """
 
 import torch_geometric.transforms
@@ -69,12 +69,12 @@ _MODELS = (
 
 
 def transform_classes() -> dict[str, type]:
-    r"""Returns the transforms that are built by name: those of this package, and some of PyG's."""
+    r"""Returns the transforms that are built by name: those of this package, and some of PyG."""
     package_classes = {name: getattr(transforms, name) for name in _TRANSFORMS}
     return {name: getattr(torch_geometric.transforms, name) for name in IN_FILES} | package_classes
 
 
 def model_classes() -> dict[str, type]:
-    r"""Returns the models that are built by name, all of this package."""
+    r"""Returns the models of this package, which are built by name."""
     package_classes = {name: getattr(models, name) for name in _MODELS}
     return package_classes | {"AverageModel": AverageModel, "EstimatorModel": EstimatorModel}

@@ -17,7 +17,7 @@ def apply_constant_transforms(
     shared: StaticData, transforms: Sequence[Any]
 ) -> tuple[StaticData, list[Any]]:
     r"""Applies the transforms whose output is the same for all frames. Returns the attributes that
-    all frames share afterwards, and the transforms that must be applied to each frame.
+    all frames share afterwards, and the transforms that remain to be applied to each frame.
     """
     per_frame: list[Any] = []
     varying, used = {"x", "joint"}, set[str]()
@@ -25,8 +25,8 @@ def apply_constant_transforms(
         reads, writes = attribute_access(transform)
         if reads is None or writes is None:
             return shared, [*per_frame, *transforms[i:]]
-        # Also checks that no earlier per-frame transform reads an attribute that this one writes:
-        # that transform would then see the new values.
+        # Also checks that no earlier per-frame transform reads an attribute that this transform
+        # writes. The earlier transform would otherwise see the new values.
         if varying.isdisjoint((*reads, *writes)) and used.isdisjoint(writes):
             shared = apply_transform(transform, shared)
         else:
@@ -37,8 +37,8 @@ def apply_constant_transforms(
 
 
 def attribute_access(transform: Any) -> tuple[_Names, _Names]:
-    r"""Returns the names of the attributes that a transform reads and of those that it writes, each
-    :obj:`None` if unknown.
+    r"""Returns the names of the attributes that a transform reads, and the names of the attributes
+    that it writes. Either is :obj:`None` if unknown.
     """
     if isinstance(transform, TactileTransform):
         return own_declaration(transform, "reads"), own_declaration(transform, "writes")
@@ -52,8 +52,8 @@ def attribute_access(transform: Any) -> tuple[_Names, _Names]:
 
 
 def is_precomputed(transform: Any, sample: StaticData) -> bool:
-    r"""Returns whether the samples of a data set share all attributes that a transform writes, so
-    that it need not be applied again.
+    r"""Returns whether the samples of a data set share all attributes that a transform writes. The
+    transform then need not be applied again.
     """
     _, writes = attribute_access(transform)
     if writes is None or "x" in writes:

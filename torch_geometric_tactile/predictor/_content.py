@@ -1,4 +1,4 @@
-r"""Content of a predictor file, and of the entry of a predictor in a checkpoint."""
+r"""The content of a predictor file, and of a predictor's entry in a checkpoint."""
 
 import json
 import logging
@@ -30,7 +30,7 @@ from torch_geometric_tactile.predictor.measured_score import MeasuredScore
 from torch_geometric_tactile.predictor.stock import predictor_path
 from torch_geometric_tactile.sensors import TaxelLayout
 
-# Since 2, a file has a checksum; since 3, a threshold and windows of frames.
+# Since format 2, a file has a checksum; since format 3, a threshold and windows of frames.
 _FORMAT = 3
 _OLD_FORMATS = (1, 2)
 _TRANSFORM_KEYS = ("frame_transform", "pre_transform", "transform")
@@ -81,15 +81,16 @@ def checkpoint_entry(
     task: str,
     threshold: float | None = None,
 ) -> dict[str, Any]:
-    r"""Returns the entry of a checkpoint from which, together with the weights, a predictor can be
-    loaded. It consists of plain data and tensors.
+    r"""Returns an entry for a checkpoint, as plain data and tensors. A predictor can be loaded from
+    this entry and the weights.
 
     Args:
         model (torch.nn.Module): The model.
         dataset (StaticDataset): The training data.
-        transform (callable, optional): Fitted transform that is applied after that of the data set.
-        task (str): As of :class:`Predictor`.
-        threshold (float, optional): As of :class:`Predictor`.
+        transform (callable, optional): Fitted transform that is applied after the transform of the
+            data set.
+        task (str): As in :class:`Predictor`.
+        threshold (float, optional): As in :class:`Predictor`.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -102,19 +103,19 @@ def checkpoint_entry(
     preparation = Preparation.from_dataset(dataset, transform)
     network = Network(model, dataset.class_names, task, threshold)
     header, tensors = describe_predictor(preparation, network)
-    # Copies: a view would drag its whole storage into the checkpoint.
+    # Copies are stored: a view would add its entire storage to the checkpoint.
     return {"header": header, "tensors": {name: t.clone() for name, t in tensors.items()}}
 
 
 def model_entry(model: Module, layout: TaxelLayout | None) -> dict[str, Any]:
     r"""Returns the description from which :func:`build_model` builds a model, as plain data and
-    tensors: the class name and arguments, or only the name and :obj:`repr` if the model cannot be
-    built from plain values.
+    tensors. It contains the class name and the arguments, or only the name and :obj:`repr` if the
+    model cannot be built from plain values.
 
     Args:
         model (torch.nn.Module): The model.
-        layout (TaxelLayout, optional): The layout of the sensor. It is not part of the description,
-            even if it is an argument of the model.
+        layout (TaxelLayout, optional): The layout of the sensor. The description does not contain
+            the layout, even if it is an argument of the model.
 
     Examples:
         >>> from torch_geometric_tactile.nn.models import GraspGCN
@@ -135,18 +136,19 @@ def build_model(
     layout: TaxelLayout | None,
     model: Module | None = None,
 ) -> Module:
-    r"""Builds a model from its description, without loading the weights. Only models of this
+    r"""Returns a model built from its description, without loaded weights. Only models of this
     package are built by their names.
 
     Args:
         entry (Mapping): The description from :func:`model_entry`.
-        weights (Mapping of str to torch.Tensor): The weights. Larger models are rejected.
+        weights (Mapping of str to torch.Tensor): The weights. A description of a larger model is
+            rejected.
         layout (TaxelLayout, optional): The layout of the sensor.
         model (torch.nn.Module, optional): The model, if it cannot be built from its description,
-            such as a model that you wrote. It is copied.
+            such as your own model. The model is copied.
 
     Raises:
-        ValueError: If the class is unknown, or :obj:`model` is missing or of another class.
+        ValueError: If the class is unknown, or :obj:`model` is missing or has another class.
 
     Examples:
         >>> from torch_geometric_tactile.nn.models import GraspGCN
@@ -170,11 +172,11 @@ def build_predictor(
         header (Mapping): The header from :func:`describe_predictor`.
         tensors (Mapping of str to torch.Tensor): The tensors from :func:`describe_predictor`.
         weights (Mapping of str to torch.Tensor): The weights of the model.
-        model (torch.nn.Module, optional): As of :meth:`Predictor.load`.
-        transforms (sequence of callable, optional): As of :meth:`Predictor.load`.
+        model (torch.nn.Module, optional): As in :meth:`Predictor.load`.
+        transforms (sequence of callable, optional): As in :meth:`Predictor.load`.
 
     Raises:
-        ValueError: If a part is damaged, unknown, missing or of another version.
+        ValueError: If a part is damaged, unknown, missing or from another version.
     """
     if header.get("format") not in (_FORMAT, *_OLD_FORMATS):
         raise ValueError(
@@ -244,8 +246,8 @@ def _frame_info(header: Mapping[str, Any]) -> FrameInfo | None:
     if "frames" in header:
         return FrameInfo.from_dict(header["frames"])
     _logger.warning(
-        "a predictor of version %s does not hold the unit, rate and thinning of its training "
-        "frames: those of recordings are not checked",
+        "a predictor of version %s does not store the unit, rate and thinning of its training "
+        "frames: the unit, rate and thinning of recordings are not checked",
         header.get("package"),
     )
     return None
@@ -267,14 +269,14 @@ def save(preparation: Preparation, network: Network, path: PathLike) -> None:
 def load(
     path: PathLike, model: Module | None = None, transforms: Sequence[Transform] | None = None
 ) -> tuple[Preparation, Network]:
-    r"""Reads a predictor from a file, or one of the package by its name."""
+    r"""Reads a predictor from a file, or a predictor of the package by its name."""
     path = predictor_path(path)
     if is_checkpoint(path):
         raise ValueError(f"'{path}' is a checkpoint: read it with Predictor.from_checkpoint")
-    with named_file_errors(f"'{path}' is no predictor that can be read here"):
+    with named_file_errors(f"'{path}' cannot be read as a predictor"):
         tensors, texts, has_checksum = read_tensors(path)
         need(ENCODER_KEY not in texts, f"it is a pretrained encoder: {LAST_READER}")
-        need(_HEADER_KEY in texts, "it is not a file of Predictor.save")
+        need(_HEADER_KEY in texts, "it was not written by Predictor.save")
         header = json.loads(texts[_HEADER_KEY])
         if not has_checksum and header.get("format") != _OLD_FORMATS[0]:
             raise ValueError("it must have a checksum (got none): it is damaged")
@@ -291,14 +293,15 @@ def load_checkpoint(
 ) -> tuple[Preparation, Network]:
     r"""Reads a predictor from a checkpoint of ``tactile fit``."""
     if not Path(path).is_file():
-        raise FileNotFoundError(f"there is no checkpoint '{path}'")
-    with named_file_errors(f"'{path}' is no checkpoint that can be read here"):
+        raise FileNotFoundError(f"the checkpoint '{path}' does not exist")
+    with named_file_errors(f"'{path}' cannot be read as a checkpoint"):
         content = read_torch_file(path)
         entry = content.get("predictor") if isinstance(content, dict) else None
         if entry is None:
             raise ValueError(
-                "it has no predictor: an older version wrote it, its samples share no layout, or "
-                "it was trained without TactileDataModule; train again, or build a predictor with "
+                "it contains no predictor: it was written by an older version, its samples share "
+                "no layout, or it was trained without TactileDataModule; train again, or build a "
+                "predictor with "
                 "Predictor.from_dataset"
             )
         weights = _select_weights(content["state_dict"])

@@ -1,4 +1,4 @@
-r"""Features of prepared samples, which are the first step of an estimator."""
+r"""Features of prepared samples. They are the first step of an estimator."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,9 +14,10 @@ class Step(Module):
     r"""A step of an estimator.
 
     Attributes:
-        num_inputs (int, optional): Numbers of an input row; :obj:`None` if any number is accepted.
-        num_outputs (int, optional): Numbers of an output row; :obj:`None` if as many as inputs.
-        modalities (tuple of str): Attributes of samples that the step reads besides the readings.
+        num_inputs (int, optional): Length of an input row; :obj:`None` if any length is accepted.
+        num_outputs (int, optional): Length of an output row; :obj:`None` if it equals the length of
+            the input row.
+        modalities (tuple of str): Attributes that the step reads in addition to the readings.
     """
 
     num_inputs: int | None = None
@@ -28,15 +29,17 @@ class Step(Module):
     ) -> None:
         is_dense = isinstance(value, Tensor) and value.layout == torch.strided
         if not is_dense or value.dim() != dims or value.is_complex():
-            raise ValueError(f"'{name}' must be a tensor of {dims} dimensions (got {value!r:.80})")
+            raise ValueError(
+                f"'{name}' must be a tensor with {dims} dimensions (got {value!r:.80})"
+            )
         if dtype == torch.long and value.is_floating_point():
             raise ValueError(f"'{name}' must hold whole numbers (got {value.dtype})")
         self.register_buffer(name, value.to(dtype), persistent=False)
 
 
 class Readings(Step):
-    r"""All readings of a sample in one row, with zeros for missing readings, as in
-    :class:`~torch_geometric_tactile.baselines.FlatReadings`.
+    r"""A step that puts all readings of a sample into one row, with zeros for missing readings, as
+    in :class:`~torch_geometric_tactile.baselines.FlatReadings`.
     """
 
     def forward(self, x: Tensor, attributes: Mapping[str, Tensor]) -> Tensor:
@@ -51,7 +54,7 @@ class Descriptors(Step):
 
     Args:
         with_readings (bool): Whether the readings follow.
-        balanced (bool): Whether descriptors are repeated until they are about as many as readings.
+        balanced (bool): Whether descriptors are repeated until there are about as many as readings.
     """
 
     modalities = ("descriptors",)
@@ -67,19 +70,17 @@ class Descriptors(Step):
         if not self.with_readings:
             return rows
         flat = _nan_to_zero(x.flatten(1).double())
-        # A forest draws features by their number: repeated descriptors are drawn as often as
-        # readings.
+        # A forest draws features at random: repeated descriptors are drawn as often as readings.
         num_repeats = max(1, round(flat.size(1) / rows.size(1))) if self.balanced else 1
         return torch.cat([*[rows] * num_repeats, flat], dim=1)
 
 
 class Signals(Step):
-    r"""12 statistics of each signal of a window, as in
-    :obj:`statistical_features`. For single frames, the
-    readings.
+    r"""A step that computes 12 statistics of each signal of a window, as in
+    :obj:`statistical_features`. Single frames keep their readings.
 
     Args:
-        num_channels (int): Channels of a taxel.
+        num_channels (int): Number of channels per taxel.
     """
 
     def __init__(self, num_channels: int) -> None:
@@ -91,7 +92,7 @@ class Signals(Step):
     def forward(self, x: Tensor, attributes: Mapping[str, Tensor]) -> Tensor:
         r"""Returns the rows :math:`(B, 12 \cdot N \cdot C)`."""
         if x.size(2) % self.num_channels:
-            raise ValueError(f"readings must be of {self.num_channels} channels (got {x.size(2)})")
+            raise ValueError(f"readings must have {self.num_channels} channels (got {x.size(2)})")
         num_frames = x.size(2) // self.num_channels
         signal = _nan_to_zero(x.double()).reshape(x.size(0), -1, num_frames)
         if num_frames == 1:
@@ -114,13 +115,14 @@ class Signals(Step):
 
 
 class PatchSums(Step):
-    r"""Force, contact position, contact direction and number of touched taxels of each patch in the
-    frame of the palm, as in :class:`~torch_geometric_tactile.baselines.PosedSummary`.
+    r"""A step that computes the force, contact position, contact direction and number of touched
+    taxels of each patch in the frame of the palm, as in
+    :class:`~torch_geometric_tactile.baselines.PosedSummary`.
 
     Args:
         rest (torch.Tensor): Readings at rest.
-        patch (torch.Tensor): Number of the patch of each taxel.
-        threshold (float): Magnitude above which a taxel is touched.
+        patch (torch.Tensor): Index of the patch of each taxel.
+        threshold (float): Magnitude above which a taxel counts as touched.
         has_normal (bool): Whether samples have normals.
         has_tangent (bool): Whether samples have tangents.
 
@@ -138,7 +140,7 @@ class PatchSums(Step):
         super().__init__()
         self._register_tensor("rest", rest, 2)
         self._register_tensor("patch", patch, 1, torch.long)
-        need(len(patch) == len(rest) > 0, "'patch' must be of all taxels", len(patch))
+        need(len(patch) == len(rest) > 0, "'patch' must have an entry for each taxel", len(patch))
         self.threshold = float(threshold)
         patches, self.patch = self.patch.unique(return_inverse=True)
         self.num_patches = len(patches)
@@ -167,7 +169,7 @@ class PatchSums(Step):
         )
         if "tangent" in attributes and normal is not None:
             tangent = attributes["tangent"].double().reshape(-1, num_taxels, 2, 3)
-            # The third channel points into the skin, the normal out of it.
+            # The third channel points into the skin; the normal points out of it.
             force = (
                 force[..., :1] * tangent[..., 0, :]
                 + force[..., 1:2] * tangent[..., 1, :]

@@ -121,13 +121,13 @@ def _probability_steps(model: Any) -> list[_Step]:
     if isinstance(model, LogisticRegression):
         if (
             model.solver == "liblinear"
-        ):  # it fits one model a class in older versions of scikit-learn
+        ):  # in older versions of scikit-learn, it fits one model per class
             raise ValueError("'solver' must not be 'liblinear' for a regression to be saved")
         return [*_score_steps(model), _softmax_step(model, 1.0)]
     if hasattr(model, "decision_function"):
         raise ValueError(
             "a classifier must have probabilities to be saved (got "
-            f"{type(model).__name__}, which has scores only): wrap it in TemperatureScaling, and "
+            f"{type(model).__name__}, which has only scores): wrap it in TemperatureScaling, and "
             "fit it"
         )
     raise _unsupported_error(model)
@@ -149,7 +149,7 @@ def _regression_steps(model: Any) -> list[_Step]:
     if isinstance(model, TransformedTargetRegressor):
         scaler = model.transformer_
         if model.func is not None or type(scaler) is not StandardScaler:
-            raise ValueError(f"targets may be scaled by StandardScaler only (got {scaler!r:.80})")
+            raise ValueError(f"targets must be scaled by StandardScaler (got {scaler!r:.80})")
         unscale = {
             "step": "Affine",
             "weight": _double_tensor(scaler.scale_),
@@ -236,7 +236,7 @@ def _forest_step(model: Any) -> _Step:
     values = np.concatenate(
         [tree.value[:, 0] if is_classifier else tree.value[..., 0] for tree in trees]
     )
-    if is_classifier:  # older versions of scikit-learn hold counts
+    if is_classifier:  # older versions of scikit-learn store counts
         values = values / values.sum(axis=1, keepdims=True)
     return {
         "step": "Forest",

@@ -1,5 +1,6 @@
-r"""Fitted estimators as modules of tensors in double precision. Each module is a step from rows of
-numbers to rows of numbers, and checks its arguments, which may come from a damaged file.
+r"""Fitted estimators as modules with tensors in double precision. Each module is a step that turns
+rows of numbers into rows of numbers. Modules check their arguments, which may come from a damaged
+file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,12 +14,12 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.predictor._estimator_features import Step
 
 _MAX_TREE_LEVELS = 1000
-_MIN_PROBABILITY = 1e-30  # a class without probability has a finite logarithm
+_MIN_PROBABILITY = 1e-30  # gives classes with zero probability a finite logarithm
 _MAX_CLASSES = 100_000
 
 
 class Affine(Step):
-    r"""Scales and shifts each number of a row.
+    r"""A step that scales and shifts each number of a row.
 
     Shapes:
         - **weight, bias:** :math:`(F,)`
@@ -31,7 +32,9 @@ class Affine(Step):
         super().__init__()
         self._register_tensor("weight", weight, 1)
         self._register_tensor("bias", bias, 1)
-        need(weight.shape == bias.shape, "'bias' must be as 'weight'", tuple(bias.shape))
+        need(
+            weight.shape == bias.shape, "'bias' must have the shape of 'weight'", tuple(bias.shape)
+        )
         self.num_inputs = self.num_outputs = weight.size(0)
 
     def forward(self, rows: Tensor) -> Tensor:
@@ -40,7 +43,7 @@ class Affine(Step):
 
 
 class Linear(Step):
-    r"""A weighted sum for each output.
+    r"""A step that computes a weighted sum for each output.
 
     Shapes:
         - **weight:** :math:`(F, O)`
@@ -54,7 +57,11 @@ class Linear(Step):
         super().__init__()
         self._register_tensor("weight", weight, 2)
         self._register_tensor("bias", bias, 1)
-        need(weight.shape[1:] == bias.shape, "'bias' must be of each output", tuple(bias.shape))
+        need(
+            weight.shape[1:] == bias.shape,
+            "'bias' must have a number for each output",
+            tuple(bias.shape),
+        )
         self.num_inputs, self.num_outputs = weight.shape
 
     def forward(self, rows: Tensor) -> Tensor:
@@ -63,13 +70,13 @@ class Linear(Step):
 
 
 class Kernel(Step):
-    r"""Support vector machines with one radial kernel: weighted sums of the kernel of a row and the
-    support vectors, for each group of support vectors.
+    r"""A step that evaluates support vector machines with one radial kernel. For each group of
+    support vectors, it computes weighted sums of the kernel between a row and the support vectors.
 
     Shapes:
         - **vectors:** :math:`(V, F)`
         - **weight:** :math:`(V, R)`
-        - **counts:** number of vectors of each group :math:`(G,)`
+        - **counts:** number of vectors in each group :math:`(G,)`
         - **output:** :math:`(B, G \cdot R)`
     """
 
@@ -85,7 +92,7 @@ class Kernel(Step):
         self.gamma = float(gamma)
         total = sum(self.counts)
         if not len(vectors) == len(weight) == total:
-            raise ValueError(f"'counts' must be of {len(vectors)} vectors (got {total})")
+            raise ValueError(f"'counts' must add up to {len(vectors)} vectors (got {total})")
         self.num_inputs, self.num_outputs = vectors.size(1), len(self.counts) * weight.size(1)
         self.register_buffer("_squared_norm", self.vectors.square().sum(dim=1), persistent=False)
 
@@ -105,12 +112,12 @@ class Kernel(Step):
 
 
 class Votes(Step):
-    r"""Scores of classes from the scores of all pairs of classes: the number of pairs that a class
-    wins, plus its confidence as a fraction below one, as in
+    r"""A step that computes scores of classes from the scores of all pairs of classes. A score is
+    the number of pairs that a class wins, plus its confidence as a fraction below one, as in
     :obj:`SVC(decision_function_shape="ovr")`.
 
     Shapes:
-        - **bias:** one number of each pair :math:`(C \cdot (C - 1) / 2,)`
+        - **bias:** one number for each pair :math:`(C \cdot (C - 1) / 2,)`
         - **input:** :math:`(B, C \cdot (C - 1))`
     """
 
@@ -127,7 +134,9 @@ class Votes(Step):
         while num_classes * (num_classes - 1) // 2 < len(bias):
             num_classes += 1
         need(
-            num_classes * (num_classes - 1) // 2 == len(bias), "'bias' must be of pairs", len(bias)
+            num_classes * (num_classes - 1) // 2 == len(bias),
+            "'bias' must have a number for each pair of classes",
+            len(bias),
         )
         self.num_inputs, self.num_outputs = num_classes * (num_classes - 1), num_classes
         first, second = torch.triu_indices(num_classes, num_classes, 1)
@@ -145,21 +154,23 @@ class Votes(Step):
         pair_scores = rows[:, self._first] + rows[:, self._second] + self.bias
         signed_scores = pair_scores[:, self._pair] * self._side  # score of class i against class j
         votes, confidence = (signed_scores > 0).double().sum(dim=2), signed_scores.sum(dim=2)
-        # Below a third, as in scikit-learn: confidence only breaks ties between votes.
+        # The confidence is below a third, as in scikit-learn, so that it only breaks ties.
         return votes + confidence / (3 * (confidence.abs() + 1))
 
 
 class Forest(Step):
-    r"""Mean over decision trees of the values of the leaf that a row reaches.
+    r"""A step that evaluates decision trees. Each row reaches one leaf per tree, and the output is
+    the mean of the values of these leaves.
 
     Args:
-        feature (torch.Tensor): Number of the feature that each node compares.
-        threshold (torch.Tensor): Threshold of each node; rows that do not exceed it go left.
-        left (torch.Tensor): Left child of each node, after its parent; a leaf is its own child.
+        feature (torch.Tensor): Index of the feature that each node compares.
+        threshold (torch.Tensor): Threshold of each node. Rows that do not exceed it go left.
+        left (torch.Tensor): Left child of each node. Children come after their parent; the child of
+            a leaf is the leaf itself.
         right (torch.Tensor): Right child of each node.
         roots (torch.Tensor): First node of each tree.
         values (torch.Tensor): Outputs of each node.
-        num_features (int): Numbers of a row.
+        num_features (int): Length of a row.
 
     Shapes:
         - **feature, threshold, left, right:** :math:`(V,)`
@@ -202,7 +213,7 @@ class Forest(Step):
         for name, limit in limits.items():
             value = getattr(self, name)
             if not len(value) or value.min() < 0 or value.max() >= limit:
-                raise ValueError(f"'{name}' must be from 0 to {limit - 1} (got others)")
+                raise ValueError(f"'{name}' must be from 0 to {limit - 1} (got other numbers)")
         self.num_levels = self._count_levels()
         self.num_inputs, self.num_outputs = num_inputs, values.size(1)
 
@@ -210,7 +221,7 @@ class Forest(Step):
         node = torch.arange(len(self.left))
         is_leaf = (self.left == node) & (self.right == node)
         if not (is_leaf | ((self.left > node) & (self.right > node))).all():
-            raise ValueError("'left' and 'right' must come after their parent (got others)")
+            raise ValueError("'left' and 'right' must come after their parent (got other nodes)")
         nodes, levels = self.roots.unique(), 0
         while not is_leaf[nodes].all():
             levels += 1
@@ -233,7 +244,7 @@ class Forest(Step):
 
 
 class Constant(Step):
-    r"""The same numbers for every row.
+    r"""A step that returns the same numbers for every row.
 
     Shapes:
         - **values:** :math:`(O,)`
@@ -252,7 +263,7 @@ class Constant(Step):
 
 
 class Beside(Step):
-    r"""Several models of the same rows, whose outputs are concatenated.
+    r"""A step that applies several models to the same rows and concatenates their outputs.
 
     Args:
         models (sequence of sequences): The steps of each model.
@@ -274,12 +285,12 @@ class Beside(Step):
 
 
 class Probability(Step):
-    r"""Probabilities of classes from scores :math:`(B, C)`, or from one score of two classes
-    :math:`(B, 1)`.
+    r"""A step that computes probabilities of classes from scores :math:`(B, C)`, or from one score
+    for two classes :math:`(B, 1)`.
 
     Args:
-        factor (float): Factor of the scores.
-        of_two (bool): Whether there is one score of two classes.
+        factor (float): Factor by which the scores are multiplied.
+        of_two (bool): Whether there is one score for two classes.
     """
 
     def __init__(self, factor: float, of_two: bool) -> None:
@@ -299,11 +310,11 @@ class Probability(Step):
 
 
 class Logits(Step):
-    r"""Logits of all classes from probabilities of the classes that the training part has. Others
-    have almost no probability.
+    r"""A step that computes logits of all classes from probabilities of the classes in the training
+    part. All other classes get a probability close to zero.
 
     Args:
-        classes (sequence of int): Numbers of the classes of the training part, increasing.
+        classes (sequence of int): Indices of the classes in the training part, in increasing order.
         num_classes (int): Number of all classes.
     """
 
@@ -315,10 +326,12 @@ class Logits(Step):
         (num_outputs,) = _to_counts("num_classes", [num_classes])
         if sorted(set(self.classes)) != self.classes or not self.classes[-1:] < [num_outputs]:
             raise ValueError(
-                f"'classes' must rise and be below {num_outputs} (got {classes!r:.80})"
+                f"'classes' must increase and be below {num_outputs} (got {classes!r:.80})"
             )
         need(
-            num_outputs <= _MAX_CLASSES, f"'num_classes' must be up to {_MAX_CLASSES}", num_outputs
+            num_outputs <= _MAX_CLASSES,
+            f"'num_classes' must be at most {_MAX_CLASSES}",
+            num_outputs,
         )
         self.num_inputs, self.num_outputs = len(self.classes), num_outputs
         column = torch.full((num_outputs,), len(self.classes))  # points to a column of zeros
@@ -332,7 +345,7 @@ class Logits(Step):
 
 
 class Chain(Module):
-    r"""Several steps, each of which takes the output of the previous step.
+    r"""A sequence of steps. Each step reads the output of the previous step.
 
     Args:
         steps (sequence of mappings): Name and arguments of each step.
@@ -347,7 +360,7 @@ class Chain(Module):
     ) -> None:
         super().__init__()
         if not isinstance(steps, Sequence) or not steps:
-            raise ValueError(f"'steps' must be at least one step (got {steps!r:.80})")
+            raise ValueError(f"'steps' must hold at least one step (got {steps!r:.80})")
         built_steps: list[Step] = []
         for description in steps:
             arguments = dict(description)
@@ -375,7 +388,7 @@ class Chain(Module):
         r"""Returns :math:`(B, O)`."""
         if self.num_inputs is not None and rows.size(1) != self.num_inputs:
             raise ValueError(
-                f"each sample must have {self.num_inputs} numbers, as the estimator was fitted on "
+                f"each sample must have {self.num_inputs} numbers, as in the fit of the estimator "
                 f"(got {rows.size(1)})"
             )
         for step in self.steps:
@@ -391,6 +404,6 @@ ROWS: dict[str, type[Step]] = {
 
 def _to_counts(name: str, values: Any) -> list[int]:
     if not isinstance(values, Sequence) or not all(type(v) is int and v >= 0 for v in values):
-        raise ValueError(f"'{name}' must hold whole numbers from 0 on (got {values!r:.80})")
+        raise ValueError(f"'{name}' must hold whole numbers of at least 0 (got {values!r:.80})")
     need(values, f"'{name}' must hold at least one number (got none)")
     return list(values)

@@ -1,4 +1,4 @@
-r"""The form of the file names of a training set, which tells the class of another recording."""
+r"""The form of the file names in a training set. It shows which class another recording has."""
 
 import re
 from collections.abc import Sequence
@@ -10,8 +10,8 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.data._label_names import label_numbers
 
-# A predictor file may come from someone else. A regular expression from it could match for years,
-# so that only plain text with a few names is stored, and long file names are not matched.
+# A predictor file may come from someone else, and matching a malicious regular expression could
+# take years. Only plain text with a few names is stored, and long file names are not matched.
 _FORM = re.compile(r"(?:\{[A-Za-z_]\w*\}|[\w /-])+")
 _NAME = re.compile(r"\{(\w+)\}")
 _GROUP = re.compile(r"\(\?P<(\w+)>[^()]*\)")  # a named group without other groups in it
@@ -28,7 +28,7 @@ class FileNameForm:
         target (str): The name that is the class.
 
     Raises:
-        ValueError: If the form is no such text, is too long or lacks the target.
+        ValueError: If the form is not such a text, is too long or does not contain the target.
 
     Examples:
         >>> names = FileNameForm("{person}_{object}_{trial}", "object")
@@ -42,15 +42,15 @@ class FileNameForm:
     def __post_init__(self) -> None:
         need(
             _is_form(self.form) and self.target in _NAME.findall(self.form),
-            f"its 'file_names' must be plain text with up to {_MAX_NAMES} names in braces, one of "
-            "them the target",
+            f"its 'file_names' must be plain text with up to {_MAX_NAMES} names in braces, "
+            "including the target",
             f"{str(self.form)[:80]} and {str(self.target)[:80]}",
         )
 
     @classmethod
     def from_dataset(cls, dataset: Any) -> Self | None:
-        r"""Returns the form of the file names of a data set; :obj:`None` if they do not tell the
-        class, or its :obj:`pattern` is more than text and named groups.
+        r"""Returns the form of the file names of a data set. Returns :obj:`None` if they do not
+        contain the class, or if :obj:`pattern` contains more than text and named groups.
         """
         pattern, target = getattr(dataset, "pattern", None), getattr(dataset, "target", None)
         if not isinstance(pattern, str) or not isinstance(target, str):
@@ -60,7 +60,7 @@ class FileNameForm:
 
     @classmethod
     def from_dict(cls, content: Any) -> Self:
-        r"""Returns the form that :meth:`to_dict` returned as a mapping."""
+        r"""Returns a form from the mapping that :meth:`to_dict` returned."""
         is_complete = isinstance(content, dict) and {*content} == {"form", "target"}
         need(is_complete, "its 'file_names' must have 'form' and 'target'", str(content)[:80])
         return cls(**content)
@@ -70,7 +70,7 @@ class FileNameForm:
         return asdict(self)
 
     def find_class(self, path: PathLike, class_names: Sequence[str]) -> str | None:
-        r"""Returns the class that the name of a file tells, or :obj:`None`.
+        r"""Returns the class in the name of a file, or :obj:`None`.
 
         Args:
             path (str or PathLike): The file.

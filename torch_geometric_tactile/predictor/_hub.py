@@ -24,7 +24,7 @@ tags:
 
 # {name}
 
-A predictor of the readings of a tactile sensor.
+A predictor for readings of a tactile sensor.
 
 {table}
 
@@ -54,8 +54,8 @@ def push_predictor(
         path = Path(folder) / PREDICTOR_FILE
         predictor.save(path)
         with _translated_client_errors(repo_id, api.endpoint, revision):
-            # `create_repo` completes a name without an account. Tokens that may write to one
-            # repository only must not call it if the repository exists.
+            # `create_repo` adds the account to a name without one. Tokens that may write to only
+            # one repository must not call it if the repository exists.
             if "/" not in repo_id or not api.repo_exists(repo_id):
                 repo_id = api.create_repo(repo_id, private=private, exist_ok=True).repo_id
             if revision is not None:
@@ -80,7 +80,7 @@ def predictor_file(
     force_download: bool,
 ) -> Path:
     r"""Returns the path of a predictor's file: a local file, the file in a local folder, or a file
-    that is downloaded from a repository.
+    downloaded from a repository.
     """
     path = Path(path_or_repo_id)
     if path.is_dir():
@@ -114,7 +114,7 @@ def model_card(predictor: "Predictor", repo_id: str) -> str:
     rows = {
         "task": predictor.task,
         "classes": ", ".join(predictor.class_names),
-        "sensor": sensor if channels is None else f"{sensor} of {channels} channels",
+        "sensor": sensor if channels is None else f"{sensor} with {channels} channels",
         "model": type(predictor.model).__name__,
         "score": "" if predictor.score is None else str(predictor.score),
     }
@@ -126,7 +126,7 @@ def model_card(predictor: "Predictor", repo_id: str) -> str:
 
 
 def _escape_cell(text: str) -> str:
-    # A class name with a bar or a line break would otherwise end the cell or its row.
+    # Otherwise a bar or a line break in a class name would end the cell or its row.
     return printable(text).replace("|", r"\|")
 
 
@@ -138,7 +138,7 @@ def _hub_client(token: str | bool | None) -> Any:
             "sharing predictors needs 'huggingface_hub': "
             'pip install "torch-geometric-tactile[hub]"'
         ) from error
-    # `huggingface_hub` reads the variable only on its import, which may have been earlier.
+    # `huggingface_hub` reads the variable only when it is imported, which may have been earlier.
     endpoint = os.environ.get("HF_ENDPOINT", "").rstrip("/") or None
     return HfApi(endpoint, token, library_name="torch-geometric-tactile")
 
@@ -147,7 +147,7 @@ def _hub_client(token: str | bool | None) -> Any:
 def _translated_client_errors(
     repo_id: str, endpoint: str, revision: str | None, local_files_only: bool = False
 ) -> Iterator[None]:
-    r"""Replaces errors of the client by errors that name the repository and the next step."""
+    r"""Replaces errors of the client by errors that name the repository and a remedy."""
     from huggingface_hub import errors
 
     name = f"'{repo_id}' at {endpoint}"
@@ -155,16 +155,16 @@ def _translated_client_errors(
         yield
     except errors.HFValidationError as error:
         raise ValueError(
-            f"there is no file or folder '{repo_id}', and a repository has a name such as "
+            f"there is no file or folder '{repo_id}', and a repository must have a name such as "
             "'user/slip'"
         ) from error
     except errors.GatedRepoError as error:
         raise PermissionError(
-            f"{name} has terms of use: accept them on its page, and give your 'token'"
+            f"{name} has terms of use: accept them on its page, and pass your 'token'"
         ) from error
     except errors.RepositoryNotFoundError as error:
         raise FileNotFoundError(
-            f"there is no repository {name}, or it is private: check the name, and give a 'token' "
+            f"there is no repository {name}, or it is private: check the name, and pass a 'token' "
             "that may read it"
         ) from error
     except errors.RevisionNotFoundError as error:
@@ -185,10 +185,10 @@ def _translated_client_errors(
         reason = " ".join(str(error).split())
         if error.response.status_code in (401, 403):
             raise PermissionError(
-                f"the token is not accepted for {name}: give a 'token' that may read it, or write "
+                f"the token is not accepted for {name}: pass a 'token' that may read it, or write "
                 f"to it for a push ({reason})"
             ) from error
-        raise OSError(f"{name} answers with an error: {reason}") from error
+        raise OSError(f"{name} returned an error: {reason}") from error
     except (ImportError, OSError):
         raise
     except Exception as error:  # HTTP errors: their package depends on the version of the client

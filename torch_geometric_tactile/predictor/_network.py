@@ -18,8 +18,8 @@ Task = Literal["multiclass", "multilabel", "regression"]
 
 
 class Network:
-    r"""A model with its task and the names of its classes: from prepared samples to probabilities
-    and labels.
+    r"""A model with its task and the names of its classes. It turns prepared samples into
+    probabilities and labels.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Network:
         self.modalities: tuple[str, ...] = input_names(model)
 
     def metadata(self) -> dict[str, Any]:
-        r"""Returns task, class names and threshold as JSON values, for exported models."""
+        r"""Returns the task, class names and threshold as JSON values, for exported models."""
         names = list(self.class_names)
         return {"task": self.task, "class_names": names, "threshold": self.threshold}
 
@@ -58,7 +58,7 @@ class Network:
 
     def logits(self, data: StaticData) -> Tensor:
         r"""Returns the output of the model, as :meth:`Predictor.logits`."""
-        # The model is accessible: its mode may have changed since it was built.
+        # Users can access the model, so its mode may have changed since it was built.
         if self.model.training:
             self.model.eval()
         edges = "give 'adjacency', or add KNNGraph() to the transform"
@@ -75,7 +75,7 @@ class Network:
         r"""Returns the names of the outputs, as :meth:`Predictor.names`."""
         if self.class_names and len(self.class_names) != num_outputs:
             raise ValueError(
-                f"'class_names' must have {num_outputs} names, as the model has outputs "
+                f"'class_names' must have {num_outputs} names, one for each output of the model "
                 f"(got {len(self.class_names)})"
             )
         return list(self.class_names) or [str(i) for i in range(num_outputs)]
@@ -108,5 +108,7 @@ class Network:
         if self.threshold is None:
             return rows.argmax(dim=1)
         if rows.size(1) != 2:
-            raise ValueError(f"'threshold' must be None unless of two classes (got {rows.size(1)})")
+            raise ValueError(
+                f"'threshold' must be None unless there are two classes (got {rows.size(1)})"
+            )
         return (rows[:, 1] > self.threshold).long()

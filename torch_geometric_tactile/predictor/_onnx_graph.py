@@ -1,5 +1,5 @@
-r"""A predictor as one module of tensors, for the export to ONNX, and the steps of its transforms,
-which have no operations that depend on values.
+r"""A predictor as one module with tensors, for the export to ONNX. The steps of its transforms have
+no operations that depend on values.
 """
 
 import copy
@@ -35,26 +35,26 @@ Step = Callable[[StaticData], StaticData]
 
 
 class RestInput:
-    r"""Step of a transform that measures sessions. The centre and scale of the session are inputs
-    of the graph.
+    r"""The step of a transform that measures sessions. The centre and the scale of the session are
+    inputs of the graph.
 
     Args:
         transform (FittedTransform): The transform.
-        measures_windows (bool): Whether it measures windows, not single frames.
+        measures_windows (bool): Whether it measures windows instead of single frames.
 
     Raises:
-        NotImplementedError: If it measures another attribute than the readings.
+        NotImplementedError: If it measures an attribute other than the readings.
     """
 
     def __init__(self, transform: FittedTransform, measures_windows: bool) -> None:
         if transform.attr != "x":
             raise NotImplementedError(
-                f"{transform!r} cannot be exported: only readings may be measured by session (got "
+                f"{transform!r} cannot be exported: only readings may be measured per session (got "
                 f"attr='{transform.attr}')"
             )
         self.part = transform
         self.measures_windows = measures_windows
-        self.reads_changed_readings = False  # whether steps before it change the readings
+        self.reads_changed_readings = False  # whether earlier steps change the readings
         self.center: Tensor | None = None
         self.scale: Tensor | None = None
         self.readings: Tensor | None = None
@@ -72,19 +72,20 @@ class RestInput:
         if self.part.per == "signal":
             center = repeat_frames(center, data.num_frames)
             scale = None if scale is None else repeat_frames(scale, data.num_frames)
-        # Raw counts are large and vary little: the difference of single precisions loses digits.
+        # Raw counts are large and vary little: a difference in single precision would lose digits.
         x = (x.double() - center).to(x.dtype)
         data.x = x if scale is None else x / scale
         return data
 
 
 class SetAttributes:
-    r"""Step that sets attributes and columns of readings that are the same for all frames.
+    r"""A step that sets attributes and columns of readings that are the same for all frames.
 
     Args:
         before (StaticData): Shared attributes before the transform.
-        after (StaticData): Shared attributes after it; its readings hold the new columns.
-        replaces (bool): Whether the columns replace the readings, and are not appended to them.
+        after (StaticData): Shared attributes after the transform; the readings hold the new
+            columns.
+        replaces (bool): Whether the columns replace the readings instead of being appended.
     """
 
     def __init__(self, before: StaticData, after: StaticData, replaces: bool) -> None:
@@ -116,12 +117,14 @@ class SetAttributes:
 
 
 class OnnxGraph(Module):
-    r"""A predictor as one module of tensors. Its inputs are raw readings, the rest, joint angles
-    and the state of a recurrent model; its outputs are probabilities and the next state.
+    r"""A predictor as one module with tensors. The inputs are raw readings, the readings at rest,
+    joint angles and the state of a recurrent model. The outputs are probabilities and the next
+    state.
 
     Args:
         predictor (Predictor): The predictor.
-        num_channels (int, optional): Channels of a taxel, if the predictor does not hold them.
+        num_channels (int, optional): Number of channels per taxel, if the predictor does not store
+            it.
 
     Raises:
         NotImplementedError: If a transform cannot be exported.
@@ -134,7 +137,7 @@ class OnnxGraph(Module):
         self.model = predictor.model
         self.layout = predictor.layout
         self.window = preparation.window
-        self._predictor = [predictor]  # in a list: as a submodule it would hold the weights twice
+        self._predictor = [predictor]  # in a list: a submodule would store the weights twice
         self._constant = preparation.constant
         varying = {"x", "joint"}
         frame_transforms = preparation.frame_transforms
@@ -192,7 +195,7 @@ class OnnxGraph(Module):
         )
 
     def _initial_state(self) -> tuple[Tensor, ...]:
-        # The last entry counts for how many frames a missing reading still affects the output.
+        # The last entry counts the frames for which a missing reading still affects the output.
         model: Any = self.model
         return (*model.initial_state(1), torch.zeros(1)) if self.is_stepped else ()
 
@@ -200,7 +203,7 @@ class OnnxGraph(Module):
         return {"joint": data.joint} if "joint" in self._predictor[0].network.modalities else {}
 
     def _find_channels(self) -> int:
-        # Tries each number, since a predictor that was built by hand may not hold it.
+        # Tries each number, because a predictor that was built by hand may not store it.
         accepted_counts = []
         for count in range(1, _MAX_CHANNELS + 1):
             self.num_channels = count
@@ -212,25 +215,23 @@ class OnnxGraph(Module):
             accepted_counts.append(count)
         if len(accepted_counts) != 1:
             raise ValueError(
-                "'num_channels' must be given: the predictor does not hold the number of channels "
-                f"of a taxel (it takes {accepted_counts or 'none'} of 1 to {_MAX_CHANNELS})"
+                "'num_channels' must be given: the predictor does not store the number of channels "
+                f"per taxel (of 1 to {_MAX_CHANNELS}, it accepts {accepted_counts or 'none'})"
             )
         return accepted_counts[0]
 
     @property
     def current_step(self) -> str:
-        r"""Name of the transform or model that was traced last."""
+        r"""The name of the transform or model that was traced last."""
         return str(self._current_step.name)
 
     @property
     def length(self) -> int:
-        r"""Number of frames of a window; one for a model of single frames."""
+        r"""The number of frames per window; one for a model that reads single frames."""
         return 1 if self.window is None else self.window.length
 
     def zero_inputs(self) -> dict[str, Tensor]:
-        r"""Returns inputs without missing values by name, without the state: readings and angles of
-        zero.
-        """
+        r"""Returns the inputs by name, except the state. All readings and angles are zero."""
         size: tuple[int, ...] = (1, self.layout.num_taxels, self.num_channels)
         if self.window is not None and not self.is_stepped:
             size = (1, self.length, *size[1:])
@@ -246,8 +247,8 @@ class OnnxGraph(Module):
         return inputs
 
     def rest_shape(self) -> tuple[int, ...]:
-        r"""Returns the shape of the rest: that of the fitted centre, or the one that fitting would
-        give.
+        r"""Returns the shape of the readings at rest: the shape of the fitted centre, or the shape
+        that fitting would give.
         """
         assert self.rest is not None
         part = self.rest.part
@@ -264,7 +265,7 @@ class OnnxGraph(Module):
 
     @property
     def outputs_rest_readings(self) -> bool:
-        r"""Whether the readings that the rest is measured on are an output, because earlier steps
+        r"""Whether the readings on which the rest is measured are an output, because earlier steps
         change them.
         """
         return self.rest is not None and self.rest.reads_changed_readings
@@ -298,8 +299,8 @@ class OnnxGraph(Module):
         return probability + self._missing_to_nan(data, values)
 
     def _missing_to_nan(self, data: StaticData, values: dict[str, Tensor]) -> Tensor | float:
-        # Returns zero, or NaN if a reading or an angle is missing. A product with zeros keeps NaN
-        # in every runtime; other operations, such as a maximum, may not.
+        # Returns zero, or NaN if a reading or an angle is missing. A product with zeros preserves
+        # NaN in every runtime; other operations, such as a maximum, may not.
         parts = []
         if self._required is not None and self._requires_all:
             parts.append(data.x.flatten())
@@ -379,7 +380,7 @@ def _count_joints(predictor: Predictor) -> int:
 @torch.no_grad()
 def _required_readings(graph: OnnxGraph) -> Tensor:
     # Marks the readings (N, F) whose absence makes the output NaN. A runtime may drop NaN in a
-    # maximum or a recurrent layer and return a number, so the graph adds NaN itself.
+    # maximum or a recurrent layer and return a number, so the graph adds NaN explicitly.
     inputs = graph.zero_inputs()
     inputs["tactile"] = torch.randn_like(inputs["tactile"])
     data = graph._prepare(inputs["tactile"].flatten(0, -3), inputs)
@@ -411,7 +412,7 @@ def _changes_readings(transform: Any) -> bool:
 
 
 def is_framewise(transform: Any) -> bool:
-    r"""Returns whether a transform of windows treats each frame separately and equally."""
+    r"""Returns whether a transform of windows treats each frame separately and in the same way."""
     return isinstance(transform, TactileTransform) and bool(own_declaration(transform, "per_frame"))
 
 
@@ -435,7 +436,7 @@ def _transform_to_step(
     if isinstance(transform, FittedTransform) and transform.key is not None:
         if own_declaration(transform, "reads") is None:
             raise NotImplementedError(
-                f"{transform!r} cannot be exported: it measures sessions and overrides 'forward'"
+                f"{transform!r} cannot be exported: it measures sessions but overrides 'forward'"
             )
         rest = RestInput(transform, is_windowed)
         rest.reads_changed_readings = "$x" in varying
@@ -480,7 +481,7 @@ def _sample_step(transform: Any) -> Step:
 
 
 def _is_identity(transform: Any, constant: StaticData) -> bool:
-    # A predictor may hold a random transform of training without effect, such as noise of zero.
+    # A predictor may contain a random training transform without effect, such as zero noise.
     for seed in range(3):
         data = copy.copy(constant)
         draw = torch.Generator().manual_seed(seed)

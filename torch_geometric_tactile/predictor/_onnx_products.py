@@ -1,4 +1,4 @@
-r"""Products of a constant sparse matrix in an ONNX graph, computed in blocks of rows."""
+r"""Products with a constant sparse matrix in an ONNX graph, computed in blocks of rows."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -9,13 +9,14 @@ import numpy as np
 # Products of smaller matrices take less time than the operations that blocks add.
 _MIN_ENTRIES = 256 * 256
 _BLOCK_HEIGHTS = (16, 32, 64, 128)
-# Multiplications that take as long as copying one feature of a neighbour (measured, onnxruntime).
+# Number of multiplications that take as long as copying one feature of a neighbour (measured with
+# onnxruntime).
 _COPY_COST = 32
 
 
 class _Blocks(NamedTuple):
-    r"""Blocks of :math:`n` rows of a sparse matrix :math:`(N, N)`, each with the columns that are
-    not zero in it.
+    r"""Blocks of :math:`n` rows of a sparse matrix :math:`(N, N)`. Each block has only the columns
+    that contain non-zero entries.
 
     Shapes:
         - **columns:** indices of columns :math:`(B, C)`
@@ -27,17 +28,17 @@ class _Blocks(NamedTuple):
 
     @property
     def cost(self) -> int:
-        r"""Number of multiplications of one product per feature, including the cost of copies."""
+        r"""The number of multiplications per feature of a product, including the cost of copies."""
         return int(self.values.size + _COPY_COST * self.columns.size)
 
 
 def compute_in_blocks(model: Any) -> int:
-    r"""Replaces products of a constant sparse matrix and features, such as those with an adjacency,
-    by a gather and a product of small dense blocks. Returns the number of replaced products.
+    r"""Replaces products of a constant sparse matrix, such as an adjacency, and features by a
+    gather and a product of small dense blocks. Returns the number of replaced products.
 
     onnxruntime has no sparse product. On 384 taxels and 1,401 edges, blocks take a third of the
-    time of the dense product; padded neighbour lists (a gather, a product, a sum) take as long as
-    the dense one.
+    time of the dense product. Padded neighbour lists (a gather, a product, a sum) take as long as
+    the dense product.
 
     Args:
         model (onnx.ModelProto): The model, which is changed in place.
@@ -95,7 +96,7 @@ def _constant_names(graph: Any) -> set[str]:
 
 
 def _constant_values(model: Any, names: set[str], constants: set[str]) -> Mapping[str, np.ndarray]:
-    r"""Returns the values of constants by name, computed by a part of the graph."""
+    r"""Returns the values of constants by name, computed by running a part of the graph."""
     if not names:
         return {}
     onnx, runtime = import_module("onnx"), import_module("onnxruntime")
@@ -180,7 +181,7 @@ def _remove_unused(graph: Any) -> None:
         nodes.append(node)
         used_names.update(node.input)
         for attribute in node.attribute:
-            if attribute.HasField("g"):  # a subgraph may use any value of the graph
+            if attribute.HasField("g"):  # a subgraph may use any value in the graph
                 used_names.update(name for inner in attribute.g.node for name in inner.input)
     _set_entries(graph, "node", nodes[::-1])
     for field in ("initializer", "value_info"):

@@ -1,4 +1,4 @@
-r"""Large linear maps of an ONNX graph with weights of eight bits."""
+r"""Large linear maps of an ONNX graph with eight-bit weights."""
 
 import tempfile
 from importlib import import_module
@@ -11,18 +11,18 @@ import torch
 
 from torch_geometric_tactile.predictor._network import Network
 
-# 2 MB. Smaller maps stay in the cache of a core, where integers save no time but cost accuracy.
+# 2 MB. Smaller maps fit into the cache of a core, where integers save no time but cost accuracy.
 MIN_QUANTIZED_WEIGHTS = 2**19
 
 
 class Agreement(NamedTuple):
-    r"""Differences between the predictions of a graph with weights of eight bits and those of the
-    same graph in single precision.
+    r"""Differences between the predictions of a graph with eight-bit weights and the same graph in
+    single precision.
 
     Args:
         equal_labels (float, optional): Share of predictions with the same labels; :obj:`None` for a
             regression.
-        largest_change (float): Largest change of a probability, or of a number of a regression in
+        largest_change (float): Largest change of a probability or, in a regression, of a number in
             its unit.
         num_answers (int): Number of predictions that were compared.
         frames (str): Source of the readings: :obj:`"recordings"` or :obj:`"random"`.
@@ -34,25 +34,25 @@ class Agreement(NamedTuple):
     frames: str
 
     def __str__(self) -> str:
-        kind = "frames or windows of recordings" if self.frames == "recordings" else "random ones"
+        kind = "frames or windows of recordings" if self.frames == "recordings" else "random frames"
         labels = (
             "" if self.equal_labels is None else f"{100 * self.equal_labels:.2f} % same labels, "
         )
-        return f"{labels}largest change {self.largest_change:.2g}, on {self.num_answers:,} {kind}"
+        return f"{labels}largest change {self.largest_change:.2g} on {self.num_answers:,} {kind}"
 
 
 def quantize_weights(model: Any) -> tuple[Any, int]:
-    r"""Returns a model whose large linear maps have weights of eight bits, and the number of these
+    r"""Returns a model whose large linear maps have eight-bit weights, and the number of these
     weights. Each output has a separate scale. Inputs are quantized at each call.
 
-    Weights are unsigned, because processors without VNNI saturate sums of signed weights, and the
-    file may run on any machine.
+    Weights are unsigned, because the file may run on any machine, and processors without VNNI
+    saturate sums of signed weights.
 
     Args:
         model (onnx.ModelProto): The model, which is not changed.
 
     Raises:
-        ValueError: If it has no large linear map.
+        ValueError: If the model has no large linear map.
     """
     onnx = import_module("onnx")
     quantization = import_module("onnxruntime.quantization")
@@ -75,7 +75,8 @@ def quantize_weights(model: Any) -> tuple[Any, int]:
         )
     source = onnx.ModelProto()
     source.CopyFrom(model)
-    # Shapes that PyTorch wrote stop onnxruntime's own, which the quantizer needs.
+    # Shapes written by PyTorch prevent onnxruntime from inferring the shapes that the quantizer
+    # needs.
     source.graph.ClearField("value_info")
     entry = source.metadata_props.add()  # avoids a warning of the quantizer
     entry.key, entry.value = "onnx.quant.pre_process", "onnxruntime.quant"
@@ -100,23 +101,23 @@ def quantize_weights(model: Any) -> tuple[Any, int]:
 def compare_predictions(
     single: np.ndarray, quantized: np.ndarray, network: Network, frames: str
 ) -> Agreement:
-    r"""Compares the predictions of two graphs. Predictions that are missing (NaN) in both are
-    skipped.
+    r"""Returns the differences between the predictions of two graphs. Predictions that are missing
+    (NaN) in both graphs are skipped.
 
     Args:
         single (numpy.ndarray): Predictions in single precision :math:`(M, K)`.
-        quantized (numpy.ndarray): Predictions with weights of eight bits :math:`(M, K)`.
-        network (Network): The network, which returns the labels of probabilities.
-        frames (str): As of :class:`Agreement`.
+        quantized (numpy.ndarray): Predictions with eight-bit weights :math:`(M, K)`.
+        network (Network): The network, which converts probabilities to labels.
+        frames (str): As in :class:`Agreement`.
 
     Raises:
-        ValueError: If a prediction is missing in one graph only, or all are missing.
+        ValueError: If a prediction is missing in only one graph, or all predictions are missing.
     """
     is_missing = np.isnan(single).any(axis=1)
     if not np.array_equal(np.isnan(single), np.isnan(quantized)):
         raise ValueError(
-            "the graph with weights of eight bits must be NaN for the same readings as the graph "
-            "in single precision (got other readings): nothing was written"
+            "the graph with eight-bit weights must be NaN for the same readings as the graph in "
+            "single precision (got other readings): nothing was written"
         )
     single, quantized = single[~is_missing], quantized[~is_missing]
     if not len(single):

@@ -1,9 +1,9 @@
 r"""Descriptions of transforms and models as plain data: class name, arguments and state. Objects
-are described when a predictor is saved, and built from the description when it is loaded.
+are described when a predictor is saved, and built from their description when it is loaded.
 
-Only the classes that :mod:`classes` lists are built, if their arguments are plain values. Of other
-objects, the name, the :obj:`repr` and the tensors are saved; the user passes the object when the
-file is read.
+Only classes listed in :mod:`classes` are built, and only if their arguments are plain values. For
+other objects, only the name, the :obj:`repr` and the tensors are saved; the user passes the object
+when the file is read.
 """
 
 import copy
@@ -32,11 +32,12 @@ from torch_geometric_tactile.transforms import FittedTransform
 
 
 def _describe_user_object(value: Any) -> dict[str, Any]:
-    r"""Returns the class name and the text of a transform or model that the user wrote."""
+    r"""Returns the class name and the text of the user's transform or model."""
     class_name = type(value).__name__
     if inspect.isroutine(value):
         return {"own": class_name, "text": value.__qualname__}
-    has_custom_repr = type(value).__repr__ is not object.__repr__  # which prints a memory address
+    # The default representation contains a memory address.
+    has_custom_repr = type(value).__repr__ is not object.__repr__
     return {"own": class_name, "text": repr(value) if has_custom_repr else class_name}
 
 
@@ -46,8 +47,8 @@ def _check_not_removed(name: Any) -> None:
 
 
 def _is_average_of(described: Mapping[str, Any], name: str) -> bool:
-    r"""Returns whether a description is that of an :class:`AverageModel` of models of the class
-    with the given name, which the user wrote.
+    r"""Returns whether a description is for an :class:`AverageModel` of the user's models of the
+    class with the given name.
     """
     arguments = described.get("arguments")
     models = arguments.get("models") if isinstance(arguments, Mapping) else None
@@ -58,12 +59,12 @@ def _is_average_of(described: Mapping[str, Any], name: str) -> bool:
 
 
 class Builder:
-    r"""Builds transforms and models from the descriptions of :class:`Describer`.
+    r"""A builder of transforms and models from descriptions by :class:`Describer`.
 
     Args:
         layout (TaxelLayout, optional): The layout to which descriptions refer.
         tensors (Mapping of str to torch.Tensor): The tensors to which descriptions refer.
-        user_transforms (sequence of callable, optional): Transforms that the user wrote.
+        user_transforms (sequence of callable, optional): The user's transforms.
     """
 
     def __init__(
@@ -77,13 +78,13 @@ class Builder:
         self._user_transforms = [
             part for transform in user_transforms or () for part in flat(transform)
         ]
-        self._limit = AllocationLimit(tensors.values())  # one limit for all parts together
+        self._limit = AllocationLimit(tensors.values())  # a common limit for all parts
         self._has_limit = False
         self._user_model: Module | None = None
 
     @contextmanager
     def _limit_allocation(self) -> Iterator[None]:
-        if self._has_limit:  # a part of another one, which has set the limit
+        if self._has_limit:  # this part belongs to another part, which has set the limit
             yield
             return
         self._has_limit = True
@@ -119,7 +120,7 @@ class Builder:
         r"""Returns a model, whose weights must be loaded separately."""
         is_described = user_model is None or _is_average_of(described, type(user_model).__name__)
         self._user_model = user_model
-        with torch.random.fork_rng(devices=[]):  # drawing of weights must not change results
+        with torch.random.fork_rng(devices=[]):  # drawing weights must not change later results
             if not is_described:
                 return self._copy_user_model(described.get("own", described.get("class")))
             with self._limit_allocation():
@@ -130,11 +131,10 @@ class Builder:
         if model is None:
             _check_not_removed(name)
             raise MissingOwnError(
-                f"'model' must be given: the file has the weights of a {name}, which cannot be "
-                "built from the file",
+                f"'model' must be given: your model '{name}' cannot be built from the file",
                 "model",
             )
-        need(type(model).__name__ == name, f"'model' must be a {name}", type(model).__name__)
+        need(type(model).__name__ == name, f"'model' must be of class {name}", type(model).__name__)
         return copy.deepcopy(model)
 
     def _build_model(self, described: Any) -> Module:
@@ -157,7 +157,7 @@ class Builder:
             _describe_user_object(transform)["text"] for transform in self._user_transforms
         ]
         raise MissingOwnError(
-            f"'transforms' must hold your transform '{described.get('text')}', which cannot be "
+            f"'transforms' must contain your transform '{described.get('text')}', which cannot be "
             f"built from the file (got {user_texts})",
             "transforms",
         )
@@ -175,7 +175,7 @@ class Builder:
         except ValueError:
             raise
         except Exception as error:  # arguments of a damaged file may raise any error
-            raise ValueError(f"{kind} '{name}' does not take its arguments ({error})") from error
+            raise ValueError(f"{kind} '{name}' rejects its arguments ({error})") from error
 
     def value(self, value: Any) -> Any:
         r"""Returns an argument or a state from its description."""
@@ -190,7 +190,7 @@ class Builder:
         return {key: self.value(item) for key, item in value.items()}
 
     def tensor(self, name: Any) -> Tensor:
-        r"""Returns the tensor with a name."""
+        r"""Returns the tensor with a given name."""
         need(name in self.tensors, f"it must hold the tensor '{name}' (got none)")
         return self._limit.count_reference(self.tensors[name])
 
@@ -211,7 +211,7 @@ def load_weights(model: Module, weights: Mapping[str, Tensor]) -> None:
     r"""Loads weights into a model.
 
     Raises:
-        ValueError: If names, shapes or number types differ from those of the model.
+        ValueError: If names, shapes or number types do not match the model.
     """
     model_shapes = {name: tuple(value.shape) for name, value in model.state_dict().items()}
     kinds = {name: _number_kind(value) for name, value in model.state_dict().items()}
@@ -224,20 +224,20 @@ def load_weights(model: Module, weights: Mapping[str, Tensor]) -> None:
         shape = tuple(weights[name].shape)
         if model_shapes[name] != shape:
             raise ValueError(
-                f"'model' must have '{name}' of shape {shape}, as the file (got "
+                f"'model' must have '{name}' of shape {shape}, like the file (got "
                 f"{model_shapes[name]})"
             )
         if kinds[name] != _number_kind(weights[name]):
             raise ValueError(
-                f"'{name}' must hold {kinds[name]}, as the model (got "
+                f"'{name}' must hold {kinds[name]}, like the model (got "
                 f"{_number_kind(weights[name])} of {weights[name].dtype})"
             )
     precisions = [_float_dtypes(state) for state in (model.state_dict(), weights)]
     if len(precisions[0]) == 1 < len(precisions[1]):
         raise ValueError(
-            f"its weights must have one precision, as those of the model (got {precisions[1]})"
+            f"its weights must have one precision, like the model (got {precisions[1]})"
         )
-    # Assigned, not copied, so that the model has the precision in which they were saved.
+    # Weights are assigned, not copied, so that the model gets the precision of the saved weights.
     model.load_state_dict(dict(weights), assign=True)
 
 
@@ -267,7 +267,7 @@ def _check_state(transform: FittedTransform, state: Any) -> None:
         or scale.shape != center.shape
         or not (center.is_floating_point() and scale.is_floating_point())
     ):
-        raise ValueError(f"the state of {transform!r} must be a centre and a scale for each key")
+        raise ValueError(f"the state of {transform!r} must have a centre and a scale for each key")
 
 
 class _NotPlainError(ValueError):
@@ -275,11 +275,11 @@ class _NotPlainError(ValueError):
 
 
 class Describer:
-    r"""Describes transforms and models by JSON values and named tensors.
+    r"""A converter of transforms and models to JSON values and named tensors.
 
     Args:
         layout (TaxelLayout, optional): The layout that is saved elsewhere. Arguments that are equal
-            to it are described by a reference.
+            to this layout are described by a reference.
     """
 
     def __init__(self, layout: TaxelLayout | None) -> None:
@@ -287,7 +287,7 @@ class Describer:
         self.tensors: dict[str, Tensor] = {}
 
     def transform(self, transform: Any) -> dict[str, Any]:
-        r"""Describes a transform, with its fitted state."""
+        r"""Returns the description of a transform with its fitted state."""
         class_name = type(transform).__name__
         if transform_classes().get(class_name) is type(transform):
             num_tensors_before = len(self.tensors)
@@ -309,7 +309,7 @@ class Describer:
         return described
 
     def model(self, model: Module) -> dict[str, Any]:
-        r"""Describes a model, without its weights."""
+        r"""Returns the description of a model without its weights."""
         class_name = type(model).__name__
         arguments = getattr(model, "init_arguments", None)
         if model_classes().get(class_name) is not type(model) or arguments is None:
@@ -329,7 +329,7 @@ class Describer:
             return _describe_user_object(model)
 
     def value(self, value: Any) -> Any:
-        r"""Describes an argument or a state."""
+        r"""Returns the description of an argument or a state."""
         if value is None or isinstance(value, bool | int | str):
             return value
         if isinstance(value, float):
@@ -356,11 +356,11 @@ class Describer:
             return {"$kinematics": value.to_dict()}
         if isinstance(value, BaseTransform):
             return {"$transform": self.transform(value)}
-        raise _NotPlainError(f"'{type(value).__name__}' is no plain value")
+        raise _NotPlainError(f"'{type(value).__name__}' is not a plain value")
 
     def _check_round_trip(self, described: dict[str, Any], transform: Any) -> None:
-        # Arguments are read from the attributes of the same names, which may hold other values:
-        # only a transform that is built from them shows it.
+        # Arguments are read from attributes with the same names, which may hold other values. Only
+        # building a transform from them shows whether they do.
         if isinstance(transform, Compose):  # its items were checked one by one
             return
         rebuilt = Builder(self.layout, self.tensors).transform(described)
@@ -377,8 +377,8 @@ class Describer:
 
 
 def _constructor_arguments(transform: Any) -> dict[str, Any]:
-    r"""Returns the constructor arguments of a transform, from its method :obj:`arguments` or else
-    from its attributes of the same names.
+    r"""Returns the constructor arguments of a transform, from its method :obj:`arguments` or
+    otherwise from attributes with the same names.
     """
     if hasattr(transform, "arguments"):
         arguments: dict[str, Any] = transform.arguments()
@@ -397,7 +397,7 @@ def _constructor_arguments(transform: Any) -> dict[str, Any]:
 def _are_equal_descriptions(
     a: Any, a_tensors: Mapping[str, Tensor], b: Any, b_tensors: Mapping[str, Tensor]
 ) -> bool:
-    # The names of tensors may differ: the numbers take their place.
+    # The names of tensors may differ, so the numbers are compared instead.
     def to_text(value: Any, tensors: Mapping[str, Tensor]) -> str:
         def with_numbers(item: Any) -> Any:
             if isinstance(item, list):

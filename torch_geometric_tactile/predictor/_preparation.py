@@ -1,6 +1,4 @@
-r"""Preparation of readings, from a raw reading to the input of a model, and its calibration to a
-recording session.
-"""
+r"""The preparation of raw readings as input of a model, and its calibration to a session."""
 
 import copy
 import math
@@ -54,23 +52,23 @@ from torch_geometric_tactile.transforms.fitting import fitted_parts
 
 
 class Preparation:
-    r"""The layout, the attributes that all frames share, and the transforms, which turn a raw
-    reading into the input of a model.
+    r"""The preparation of raw readings as input of a model: the layout, the attributes that all
+    frames share, and the transforms.
 
     Args:
         layout (TaxelLayout): The taxels.
         shared (StaticData): Attributes that all frames share, such as positions and edges.
         pre_transform (callable, optional): Transform that is applied to each reading first.
         transform (callable, optional): Transform that is applied after :obj:`pre_transform`.
-        num_channels (int, optional): Channels of a taxel; not checked if left out.
-        num_joints (int, optional): Joint angles of a frame; not checked if left out.
-        window (WindowCut, optional): Settings of windows, for a model of windows.
+        num_channels (int, optional): Number of channels per taxel. Not checked if left out.
+        num_joints (int, optional): Number of joint angles per frame. Not checked if left out.
+        window (WindowCut, optional): Settings of windows, for a model that reads windows.
         frame_transform (callable, optional): Transform of single frames, before windows are cut.
         read_options (Mapping, optional): Options with which recordings are read.
         info (FrameInfo, optional): Unit, columns, rate and thinning of the training frames.
         contact (ContactRule, optional): The rule that detects frames without contact.
-        file_names (FileNameForm, optional): The form of the file names of the training set, if they
-            tell the class.
+        file_names (FileNameForm, optional): The form of the file names in the training set, if they
+            contain the class.
 
     Raises:
         ValueError: If a transform is not fitted.
@@ -120,7 +118,7 @@ class Preparation:
         self.needs_joint = "joint" in reads
         self.constant, self.frame_transforms = apply_constant_transforms(self.shared, frame_steps)
         self.sample_transforms = parts[len(frame_steps) :]
-        # Per-frame transforms may change attributes that the transforms of samples read.
+        # Per-frame transforms may change attributes that transforms of samples read.
         if not self.frame_transforms:
             self.constant, self.sample_transforms = apply_constant_transforms(
                 self.constant, self.sample_transforms
@@ -143,12 +141,12 @@ class Preparation:
             ):
                 raise ValueError(
                     f"'rest' of the contact rule must have shape ({self.layout.num_taxels}, "
-                    f"{expected_channels}), as the readings (got {rest_shape})"
+                    f"{expected_channels}), like the readings (got {rest_shape})"
                 )
         self._contact = rule
 
     def lacks_contact(self, reading: ArrayLike) -> Tensor:
-        r"""Returns for each frame or window whether it lacks contact, by the rule :obj:`contact`.
+        r"""Returns a mask of the frames or windows without contact, by the rule :obj:`contact`.
         Without a rule, all of them have contact.
 
         Args:
@@ -172,7 +170,7 @@ class Preparation:
         return torch.from_numpy(out)
 
     def windows_lacking_contact(self, recording: Recording, last: Tensor) -> Tensor:
-        r"""Returns for each window of a recording whether it lacks contact.
+        r"""Returns a mask of the windows of a recording without contact.
 
         Args:
             recording (Recording): A recording from :meth:`match_recording`.
@@ -187,14 +185,16 @@ class Preparation:
         index = self.info.selected_frames(recording.time, recording.num_frames)
         stop = np.searchsorted(index, last.cpu().numpy()) + 1
         start = np.maximum(stop - self.window.length, 0)
-        if self.window.ragged == "pad":  # a single window, which holds all frames
+        if self.window.ragged == "pad":  # a single window that contains all frames
             start = np.zeros_like(stop)
         tactile = recording.tactile[index]
         return torch.from_numpy(windows_lacking_contact(self.contact, tactile, start, stop))
 
     @property
     def transforms(self) -> list[Any]:
-        r"""The transforms of each reading: those of single frames, then those of samples."""
+        r"""The transforms of each reading: first the transforms of single frames, then the
+        transforms of samples.
+        """
         return [*self.frame_transforms, *self.sample_transforms]
 
     @property
@@ -219,7 +219,8 @@ class Preparation:
 
         Args:
             dataset (StaticDataset): The data set.
-            transform (callable, optional): Transform that is applied after those of the data set.
+            transform (callable, optional): Transform that is applied after the transforms of the
+                data set.
         """
         window, frame_dataset = WindowCut.from_dataset(dataset), dataset
         while isinstance(frame_dataset, FrameView):
@@ -227,7 +228,7 @@ class Preparation:
         stored_sample, stored_frame = (
             _first_stored_sample(part) for part in (dataset, frame_dataset)
         )
-        # Transforms that depend on the layout only need not run again: samples share their output.
+        # Transforms that depend only on the layout need not run again: samples share their output.
         steps = [
             part
             for part in flat(frame_dataset.pre_transform)
@@ -268,8 +269,8 @@ class Preparation:
 
         Shapes:
             - **reading:** One frame :math:`(N, F)` or several frames :math:`(B, N, F)`; for a model
-              of windows, windows :math:`(B, N, C \cdot T)`.
-            - **joint:** Angles in radians, one row for all frames :math:`(J,)` or one row for each
+              that reads windows, windows :math:`(B, N, C \cdot T)`.
+            - **joint:** Angles in radians, one row for all frames :math:`(J,)` or one row per frame
               :math:`(B, J)`.
         """
         x = to_float_tensor("reading", reading, self.dtype, self.device)
@@ -299,8 +300,8 @@ class Preparation:
             data.joint = joint_rows(angles, len(x), self.num_joints)
         elif self.needs_joint:
             raise ValueError(
-                f"'joint' must be given: {self.num_joints or 'the'} joint angles in radians, since "
-                "the transform or the model reads them (got None)"
+                f"'joint' must be given: {self.num_joints or 'the'} joint angles in radians, "
+                "because the transform or the model reads them (got None)"
             )
         self.session.set_session_number(data, session)
         return data
@@ -308,8 +309,8 @@ class Preparation:
     def frames_to_data(
         self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
     ) -> StaticData:
-        r"""Returns single frames as data, before any transform, for models of frames and of
-        windows.
+        r"""Returns single frames as data, before any transform, for models that read frames and for
+        models that read windows.
         """
         data = self.readings_to_data(reading, joint, session, num_frames=1)
         if self.window is not None:
@@ -318,7 +319,7 @@ class Preparation:
 
     @property
     def columns(self) -> dict[str, list[str]]:
-        r"""The column names of readings and joint angles in their order, as far as known."""
+        r"""The column names of readings and joint angles in order, as far as they are known."""
         stored_columns = {**self.info.columns, **self.read_options}
         return {
             key: list(stored_columns[key]) for key in ("tactile", "joint") if key in stored_columns
@@ -326,23 +327,23 @@ class Preparation:
 
     @property
     def needs_rate(self) -> bool:
-        r"""Whether a recording must have the rate of the training. This holds for windows, and for
-        trials unless a transform resamples them to one length.
+        r"""Whether a recording must have the frame rate of the training data. This is the case for
+        windows, and for trials unless a transform resamples them to one length.
         """
         return self.window is not None and not (self.window.is_trial and not self.causal)
 
     def match_recording(self, recording: Recording, *, resample: bool = False) -> Recording:
-        r"""Returns a recording with its columns in the order of the training, if their names are
-        known. It is resampled if the training data were, or if :obj:`resample` is set and the
-        rate matters.
+        r"""Returns a recording with the column order of the training data, if the names are known.
+        The recording is resampled if the training data was resampled, or if :obj:`resample` is
+        :obj:`True` and the frame rate matters.
 
         Args:
             recording (Recording): The recording.
-            resample (bool): Whether to resample a recording of another rate.
+            resample (bool): Whether to resample a recording with another frame rate.
 
         Raises:
-            ValueError: If its taxels, unit or column names differ from those of the training, or
-                its rate if :attr:`needs_rate`.
+            ValueError: If the taxels, unit or column names differ from the training data, or, if
+                :attr:`needs_rate`, the frame rate.
         """
         recording.check(self.layout)
         info, expected = recording.info, self.info
@@ -354,7 +355,7 @@ class Preparation:
         return in_column_order(recording, self.columns)
 
     def _num_frames(self, x: Tensor) -> int:
-        # Number of frames of a window, from its width and the number of channels in training.
+        # The number of frames of a window, from its width and the number of channels in training.
         if self.window is None:
             return 1
         if not self.num_channels:
@@ -364,7 +365,7 @@ class Preparation:
     def prepare(
         self, reading: ArrayLike, joint: ArrayLike | None = None, session: int | None = None
     ) -> StaticData:
-        r"""Returns readings after all transforms, as :meth:`Predictor.prepare`."""
+        r"""Returns readings after all transforms, as in :meth:`Predictor.prepare`."""
         data = self.readings_to_data(reading, joint, session)
         if self.frame_transforms:
             data = apply_to_frames(self.frame_transforms, data)
@@ -374,13 +375,13 @@ class Preparation:
         r"""Returns samples of a data set after its :obj:`transform`, as input of the model."""
         if data.num_nodes != self.layout.num_taxels:
             raise ValueError(
-                f"'data' must have {self.layout.num_taxels} taxels, as layout "
+                f"'data' must have {self.layout.num_taxels} taxels, like layout "
                 f"'{self.layout.name}' (got {data.num_nodes})"
             )
         return apply_transform(self.transform, data)
 
     def prepare_frame(self, reading: ArrayLike, joint: ArrayLike | None = None) -> StaticData:
-        r"""Returns one frame of a stream as input of the model, or of its windows."""
+        r"""Returns one frame of a stream as input of the model, or for its windows."""
         frame = self.apply_frame_transforms(self.frames_to_data(reading, joint))
         return self.apply_sample_transforms(frame) if self.window is None else frame
 
@@ -393,29 +394,29 @@ class Preparation:
         return self.apply_sample_transforms(data)
 
     def apply_sample_transforms(self, data: StaticData) -> StaticData:
-        r"""Returns samples after the transforms of windows, or of frames for a model of frames."""
+        r"""Returns samples after the transforms of windows or, for a model that reads frames, of
+        frames.
+        """
         for part in self.sample_transforms:
             data = apply_transform(part, data)
         return data
 
     def apply_frame_transforms(self, frames: StaticData) -> StaticData:
-        r"""Returns frames after the transforms that come before windows are cut."""
+        r"""Returns frames after the transforms that are applied before windows are cut."""
         for part in self.frame_transforms:
             frames = apply_transform(part, frames)
         return frames
 
     def windows(self, recording: Recording, *, resample: bool = False) -> tuple[StaticData, Tensor]:
-        r"""Returns the windows of a recording, as :meth:`Predictor.windows`."""
+        r"""Returns the windows of a recording, as in :meth:`Predictor.windows`."""
         if self.window is None:
-            raise ValueError("this predictor takes single frames, not windows: call 'recording'")
+            raise ValueError("this predictor reads single frames, not windows: call 'recording'")
         return self.cut_recording(self.match_recording(recording, resample=resample))
 
     def cut_recording(self, recording: Recording) -> tuple[StaticData, Tensor]:
-        r"""Returns the windows of a recording from :meth:`match_recording`, as :meth:`windows`
-        does.
-        """
+        r"""Returns the windows of a recording that :meth:`match_recording` returned."""
         # The session need not be measured yet: these windows may be meant for `adapt_windows`.
-        # If it is measured on frames, it must be known before they are cut.
+        # If the session is measured on frames, it must be known before windows are cut.
         is_unmeasured = self.session.number is None and not self.measures_frames
         frames = self.frames_to_data(
             recording.tactile, recording.joint, -1 if is_unmeasured else None
@@ -424,8 +425,8 @@ class Preparation:
         return self.cut_frames(frames)
 
     def cut_frames(self, frames: StaticData) -> tuple[StaticData, Tensor]:
-        r"""Returns the windows of the frames of one recording, before the transforms of windows,
-        and the index of the last frame of each window :math:`(W,)`.
+        r"""Returns the windows of the frames of one recording, before the transforms of windows are
+        applied, and the index of the last frame of each window :math:`(W,)`.
         """
         assert self.window is not None
         frames, index, part = self.thin_frames(frames)
@@ -433,11 +434,11 @@ class Preparation:
         return windows, index[last]
 
     def thin_frames(self, frames: StaticData) -> tuple[StaticData, Tensor, Tensor]:
-        r"""Returns the frames of one recording that are selected as in training, their indices, and
-        the number of the continuous part that each belongs to.
+        r"""Returns the selected frames of one recording, their indices, and the index of the
+        continuous part to which each frame belongs. Frames are selected as in training.
 
         Shapes:
-            - **output:** frames :math:`(K, N, C)`, indices and part numbers :math:`(K,)`
+            - **output:** frames :math:`(K, N, C)`, frame indices and part indices :math:`(K,)`
         """
         num_frames, times = frames.num_samples, frames.get("time")
         time = None if times is None else times.cpu().double().numpy()
@@ -476,7 +477,7 @@ class Session:
     the session that was measured last.
 
     Args:
-        preparation (Preparation): The preparation that the session belongs to.
+        preparation (Preparation): The preparation to which the session belongs.
     """
 
     def __init__(self, preparation: Preparation) -> None:
@@ -489,14 +490,16 @@ class Session:
 
     @property
     def measures_rest(self) -> bool:
-        r"""Whether a tare averages all readings of :meth:`adapt`, so that all must be at rest."""
+        r"""Whether a tare averages all readings passed to :meth:`adapt`. All of them must then be
+        at rest.
+        """
         return any(
             isinstance(p, Tare) and p.first is None and p.seconds is None for p in self.transforms
         )
 
     def set_session_number(self, data: StaticData, number: int | None = None) -> None:
-        r"""Sets the session attributes of samples to a session number, by default to that of the
-        session that was measured last.
+        r"""Sets the session attributes of samples to a session number. The default is the session
+        that was measured last.
         """
         if not self.keys:
             return
@@ -516,7 +519,7 @@ class Session:
         joint: ArrayLike | None = None,
         time: ArrayLike | None = None,
     ) -> int:
-        r"""Measures a new session from some of its readings, as :meth:`Predictor.adapt`."""
+        r"""Measures a new session from some of its readings, as in :meth:`Predictor.adapt`."""
         self._require_session_transform()
         preparation = self._preparation
         if preparation.contact is not None and (self.measures_rest or not self.transforms):
@@ -539,7 +542,7 @@ class Session:
     def adapt_recording(
         self, recording: Recording, *, rest: float | None = None, resample: bool = False
     ) -> int:
-        r"""Measures a new session from a recording, as :meth:`Predictor.adapt_recording`."""
+        r"""Measures a new session from a recording, as in :meth:`Predictor.adapt_recording`."""
         recording = self._preparation.match_recording(recording, resample=resample)
         if rest is not None:
             num_frames = int((recording.time < recording.time[:1] + rest).sum())
@@ -548,7 +551,7 @@ class Session:
         return self._adapt_matched_frames(recording)
 
     def _rest_end_time(self, recording: Recording) -> float:
-        # The contact rule measures as long as the tare does. Without a tare, the end is unknown.
+        # The contact rule measures as long as the tare. Without a tare, the end is unknown.
         if self.measures_rest:
             return math.inf
         seconds = self.rest_seconds() if any(isinstance(p, Tare) for p in self.transforms) else None
@@ -566,8 +569,9 @@ class Session:
             preparation.contact = preparation.contact.measured(frames)
 
     def measure_rest(self, recording: Recording) -> int:
-        r"""Measures a new session from a recording at rest, and returns its number. The recording
-        must come from :meth:`Preparation.match_recording`. A tare averages all of its frames.
+        r"""Measures a new session from a recording at rest, and returns the number of the session.
+        The recording must come from :meth:`Preparation.match_recording`. A tare averages all its
+        frames.
         """
         self._measure_contact(recording.tactile)
         with _tare_without_limits(self.transforms):
@@ -582,8 +586,8 @@ class Session:
         return self.adapt_windows(preparation.cut_recording(recording)[0])
 
     def rest_seconds(self) -> float | None:
-        r"""Returns for how many seconds the training recordings were at rest, from the settings of
-        a tare or from their data set; :obj:`None` if unknown.
+        r"""Returns the time at rest at the start of the training recordings in seconds, from the
+        settings of a tare or from the data set. Returns :obj:`None` if it is unknown.
         """
         info, window = self._preparation.info, self._preparation.window
         rate = info.frame_rate
@@ -596,12 +600,12 @@ class Session:
                 last = part.first - 1
                 if window is not None and not self._preparation.measures_frames:
                     last = last * window.hop + window.length - 1
-                # Half a frame later, so that a jitter of the time does not lose the last frame.
+                # Half a frame later, so that time jitter does not lose the last frame.
                 return (last + 0.5) / rate
         return info.rest
 
     def adapt_windows(self, windows: StaticData) -> int:
-        r"""Measures a new session from windows, as :meth:`Predictor.adapt_windows`."""
+        r"""Measures a new session from windows, as in :meth:`Predictor.adapt_windows`."""
         self._require_session_transform()
         if self._preparation.measures_frames:
             raise ValueError(
@@ -633,11 +637,11 @@ class Session:
         need(can_measure, "no transform of this predictor measures sessions: 'adapt' is not needed")
 
     def set_rest(self, center: Tensor, scale: Tensor | None = None) -> None:
-        r"""Replaces all measured sessions by one session with a given centre and scale.
+        r"""Replaces all measured sessions by one session with the given centre and scale.
 
         Shapes:
             - **center:** Readings at rest :math:`(N, C)`.
-            - **scale:** Divisor of the readings, if a transform scales sessions :math:`(N, C)`.
+            - **scale:** Divisor of the readings :math:`(N, C)`, if a transform scales sessions.
         """
         if len(self.transforms) > 1:
             raise ValueError(
@@ -666,7 +670,7 @@ def add_tare(preparation: Preparation) -> Preparation:
     """
     session_parts = preparation.session.transforms
     if session_parts:
-        raise ValueError(f"the predictor measures the rest already, by {session_parts[0]!r}")
+        raise ValueError(f"the predictor already measures the rest, by {session_parts[0]!r}")
     if flat(preparation.frame_transform):
         raise ValueError(
             "the rest must be subtracted before all other transforms (got "
@@ -688,8 +692,8 @@ def add_tare(preparation: Preparation) -> Preparation:
 
 
 def add_shared_attributes(preparation: Preparation, **shared: Tensor) -> Preparation:
-    r"""Returns a copy of a preparation with further attributes that all frames share. Attributes
-    that exist are not replaced.
+    r"""Returns a copy of a preparation with further attributes that all frames share. Existing
+    attributes are not replaced.
 
     Shapes:
         - **shared:** Any shape, such as edges :math:`(2, |\mathcal{E}|)`.
@@ -716,7 +720,7 @@ def add_shared_attributes(preparation: Preparation, **shared: Tensor) -> Prepara
 
 def shared_attributes(layout: TaxelLayout, adjacency: str | Tensor | None) -> StaticData:
     r"""Returns the attributes that all frames of a sensor share: positions, and normals and edges
-    if there are any. Readings have no channels.
+    if there are any. The readings have no channels.
 
     Shapes:
         - **adjacency:** The name of an adjacency of the layout, or edges
@@ -731,7 +735,7 @@ def shared_attributes(layout: TaxelLayout, adjacency: str | Tensor | None) -> St
 
 
 def _first_stored_sample(dataset: StaticDataset) -> StaticData:
-    # Without the transform of the data set, as the sample is stored.
+    # The sample as it is stored, without the transform of the data set.
     stored = copy.copy(dataset)
     stored.transform = None
     return stored.batch([0])
@@ -756,7 +760,7 @@ def _select_shared(data: StaticData) -> StaticData:
 
 @contextmanager
 def _tare_without_limits(transforms: Sequence[FittedTransform]) -> Iterator[None]:
-    # Tares measure all samples that they are fitted on, not the first ones as in training.
+    # Tares measure all samples on which they are fitted, not only the first samples as in training.
     tares = [tare for tare in transforms if isinstance(tare, Tare)]
     limits = [(tare.first, tare.seconds) for tare in tares]
     for tare in tares:

@@ -1,4 +1,4 @@
-r"""Conversion of arrays to tensors, and the options with which a predictor reads files."""
+r"""Conversion of arrays to tensors, and the options with which predictors read files."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,8 +9,8 @@ from torch import Tensor
 
 ArrayLike = Tensor | np.ndarray | Sequence[Any]
 
-# Options that read labels or limit sizes are not among them: a file to predict has no labels, and a
-# predictor file from someone else must not set limits.
+# Options for labels and size limits are left out: a file to predict has no labels, and a predictor
+# file from someone else must not set limits.
 _OPTION_TYPES: dict[str, type | tuple[type, ...]] = {
     "tactile": list,
     "joint": list,
@@ -33,8 +33,8 @@ _OPTION_TYPES: dict[str, type | tuple[type, ...]] = {
 
 
 def select_read_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    r"""Returns those options of :func:`~torch_geometric_tactile.io.read_recording` that a predictor
-    stores: the ones that say how numbers are read. Labels and regular expressions are left out.
+    r"""Returns the options of :func:`~torch_geometric_tactile.io.read_recording` that a predictor
+    stores. They determine how numbers are read. Labels and regular expressions are left out.
 
     Examples:
         >>> select_read_options({"tactile": ("thumb", "index"), "joint": "q.*", "label": "grasp"})
@@ -45,9 +45,7 @@ def select_read_options(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def check_read_options(options: Any) -> dict[str, Any]:
-    r"""Checks options that were read from a predictor file, which may come from someone else, and
-    returns them.
-    """
+    r"""Checks and returns the options from a predictor file, which may come from someone else."""
     if not isinstance(options, Mapping):
         raise ValueError(f"its 'read_options' must be a mapping (got {str(options)[:80]})")
     for key, value in options.items():
@@ -69,7 +67,7 @@ def _is_valid(key: str, value: Any) -> bool:
 
 
 def array_shape(array: ArrayLike) -> tuple[int, ...]:
-    r"""Returns the shape of an array, or of nested sequences."""
+    r"""Returns the shape of an array or of nested sequences."""
     return tuple(array.shape) if hasattr(array, "shape") else np.shape(array)
 
 
@@ -85,13 +83,13 @@ def to_float_tensor(
         elif isinstance(array, np.ndarray) and not array.flags.writeable:
             array = array.copy()  # PyTorch has no read-only tensors and would warn
         tensor = torch.as_tensor(array).to(device=device, dtype=dtype)
-        return tensor.masked_fill(tensor.isinf(), torch.nan)  # an infinite number is no reading
+        return tensor.masked_fill(tensor.isinf(), torch.nan)  # an infinite number is not a reading
     except (TypeError, ValueError, RuntimeError) as error:
         raise ValueError(f"'{name}' must be an array of numbers ({error})") from error
 
 
 def joint_rows(angles: Tensor, num_frames: int, num_joints: int | None) -> Tensor:
-    r"""Returns one row of joint angles for each frame. A single row of :obj:`angles` is repeated.
+    r"""Returns one row of joint angles per frame. A single row of :obj:`angles` is repeated.
 
     Shapes:
         - **output:** :math:`(B, J)`

@@ -1,4 +1,4 @@
-r"""Files of named tensors and texts in the format of safetensors: eight bytes with the length of a
+r"""Files with named tensors and texts in the safetensors format: eight bytes with the length of a
 JSON header, the header, and the numbers. Reading such a file runs no code from it.
 
 One of the texts is the SHA-256 of the file, computed with zeros in place of the digest.
@@ -40,7 +40,7 @@ _MAX_HEADER_BYTES = 100_000_000  # bytes, the limit of safetensors
 
 
 class TensorFile(NamedTuple):
-    r"""Tensors and texts of a file, and whether it has a checksum."""
+    r"""The tensors and texts of a file, and whether it has a checksum."""
 
     tensors: dict[str, Tensor]
     texts: dict[str, str]
@@ -53,7 +53,7 @@ def write_tensors(
     r"""Writes tensors and texts to a file. If writing fails, no partial file is left."""
     header: dict[str, Any] = {_METADATA: {_CHECKSUM: _ZEROS, **metadata}}
     dense_tensors, end = [], 0
-    # Widest numbers first, so that each tensor begins at a multiple of its number width.
+    # The widest numbers come first, so that each tensor starts at a multiple of its number width.
     for name in sorted(tensors, key=lambda name: -tensors[name].element_size()):
         tensor = tensors[name].detach().cpu().contiguous()
         if tensor.dtype not in _NAMES or tensor.layout != torch.strided:
@@ -95,11 +95,11 @@ def _verify_checksum(checksum: str, head: bytes, body: bytes | bytearray) -> Non
 
 
 def read_tensors(path: PathLike) -> TensorFile:
-    r"""Reads the tensors and texts of a file, and compares its checksum if it has one. Allocates no
-    more memory than the size of the file, even if the header claims larger tensors.
+    r"""Reads the tensors and texts of a file, and verifies its checksum if there is one. Allocates
+    no more memory than the size of the file, even if the header claims larger tensors.
 
     Raises:
-        ValueError: If the file is damaged or of another format.
+        ValueError: If the file is damaged or has another format.
     """
     path = Path(path)
     size = path.stat().st_size
@@ -114,7 +114,7 @@ def read_tensors(path: PathLike) -> TensorFile:
             header_text = file.read(length)
             header = json.loads(header_text.decode())
         except (ValueError, RecursionError) as error:
-            raise ValueError(f"its header is no JSON ({error})") from error
+            raise ValueError(f"its header is not JSON ({error})") from error
         if not isinstance(header, dict):
             raise ValueError(f"its header must be a JSON object (got {type(header).__name__})")
         data = bytearray(size - 8 - length)
@@ -153,7 +153,7 @@ def _read_tensor(name: str, entry: Any, data: bytearray) -> Tensor:
     raw = torch.frombuffer(data, dtype=torch.uint8, count=end - begin, offset=begin)
     if dtype == torch.bool:
         return (raw != 0).view(shape)
-    # A copy, since a tensor of a foreign file may begin at any byte of the buffer.
+    # A copy is made, because a tensor in an unknown file may start at any byte of the buffer.
     return raw.clone().view(dtype).view(shape)
 
 
@@ -162,11 +162,11 @@ def _is_size_list(value: Any) -> TypeGuard[list[int]]:
 
 
 class named_file_errors:  # noqa: N801
-    r"""Context that replaces any error of a damaged or hostile file by a :class:`ValueError` that
-    begins with a text, such as the name of the file.
+    r"""A context manager that replaces any error of a damaged or malicious file by a
+    :class:`ValueError` whose message starts with a text, such as the name of the file.
 
     Args:
-        text (str): Beginning of the message.
+        text (str): Start of the message.
     """
 
     def __init__(self, text: str) -> None:

@@ -1,4 +1,4 @@
-r"""Windows of the frames of a recording, cut as those of the training data."""
+r"""Cuts the frames of a recording into windows as in the training data."""
 
 import copy
 import math
@@ -21,7 +21,7 @@ from torch_geometric_tactile.data import (
 )
 from torch_geometric_tactile.sensors import TaxelLayout
 
-_MAX_FRAMES = 10**7  # a damaged file must not ask for more memory than this
+_MAX_FRAMES = 10**7  # limits the memory that a damaged file can request
 _RAGGED_MODES = ("error", "pad", "crop_start", "crop_end")
 
 
@@ -31,9 +31,10 @@ class WindowCut:
     :class:`~torch_geometric_tactile.data.Trials` cut a recording.
 
     Args:
-        length (int): Number of frames of a window.
-        hop (int): Number of frames from one window to the next; 0 if a recording is one sample.
-        ragged (str): Treatment of recordings of another length, as of
+        length (int): Number of frames per window.
+        hop (int): Number of frames from the start of one window to the next; 0 if a recording is
+            one sample.
+        ragged (str): Treatment of recordings with another length, as in
             :class:`~torch_geometric_tactile.data.Trials`.
     """
 
@@ -65,7 +66,7 @@ class WindowCut:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Self:
-        r"""Returns the settings that :meth:`to_dict` returned as a mapping."""
+        r"""Returns settings from the mapping that :meth:`to_dict` returned."""
         if not isinstance(content, Mapping) or set(content) != {"length", "hop", "ragged"}:
             raise ValueError(
                 f"a window must have 'length', 'hop' and 'ragged' (got {str(content)[:80]})"
@@ -88,15 +89,15 @@ class WindowCut:
         :math:`(W,)`. Windows do not span gaps between continuous parts; trials do.
 
         Shapes:
-            - **part:** The number of the continuous part that each frame belongs to, increasing
-              :math:`(T,)`.
+            - **part:** The index of the continuous part to which each frame belongs, in increasing
+              order :math:`(T,)`.
         """
         num_frames = frames.num_samples
         need(num_frames != 0, "there must be at least one frame to predict (got none)")
         if self.ragged == "error" and self.is_trial and num_frames != self.length:
             raise ValueError(
-                f"a recording must have {self.length} frames, as the trials that the model was "
-                f"trained on (got {num_frames})"
+                f"a recording must have {self.length} frames, like the trials on which the model "
+                f"was trained (got {num_frames})"
             )
         lengths = part.unique_consecutive(return_counts=True)[1]
         longest = num_frames if self.is_trial else int(lengths.max())
@@ -130,8 +131,8 @@ class WindowCut:
 
 
 def apply_to_frames(transforms: Sequence[Any], windows: StaticData) -> StaticData:
-    r"""Applies transforms of single frames to the frames of windows. Afterwards, attributes other
-    than the readings are those of the last frame of each window.
+    r"""Applies transforms of single frames to the frames of windows. Afterwards, all attributes
+    except the readings belong to the last frame of each window.
     """
     num_frames = windows.num_frames
     data = copy.copy(windows)
@@ -140,7 +141,7 @@ def apply_to_frames(transforms: Sequence[Any], windows: StaticData) -> StaticDat
         for key, value in windows.to_dict().items()
         if key != "x" and isinstance(value, Tensor) and not windows.is_shared(key)
     ]
-    # They come back after `x` has changed, because all of them must have one row a sample.
+    # They are restored after `x` has changed, because all of them must have one row per sample.
     for key in sample_keys:
         del data[key]
     data.x = split_frames(windows.x, num_frames).transpose(1, 2).flatten(0, 1)  # (B * T, N, C)

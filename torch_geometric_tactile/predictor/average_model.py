@@ -13,23 +13,24 @@ from torch_geometric_tactile.nn.models._calls import input_names, needs_edges, t
 
 
 class AverageModel(Module):
-    r"""The mean prediction of several models of one task. Of classes, it averages the probabilities
-    and returns their logarithms. Of a regression, it averages the numbers, and scales and shifts
-    them back to their unit if the models were trained on scaled ones.
+    r"""A model that averages the predictions of several models for the same task. For classes, the
+    probabilities are averaged and their logarithms are returned. For a regression, the numbers are
+    averaged; if the models were trained on scaled numbers, the mean is converted back to the
+    original unit.
 
     Args:
-        models (sequence of torch.nn.Module): The models, which take the same inputs.
-        numbers (bool): Whether the models predict numbers; classes otherwise.
+        models (sequence of torch.nn.Module): The models, which must have the same inputs.
+        numbers (bool): Whether the models predict numbers instead of classes.
         center (torch.Tensor, optional): Offset that is added to numbers after scaling
             :math:`(C,)`.
-        scale (torch.Tensor, optional): Factor of numbers :math:`(C,)`.
+        scale (torch.Tensor, optional): Factor by which numbers are multiplied :math:`(C,)`.
 
     Shapes:
         - **x:** prepared readings :math:`(B, N, F)`
         - **output:** logarithms of probabilities, or numbers :math:`(B, C)`
 
     Raises:
-        ValueError: If there is no model, or the inputs of the models differ.
+        ValueError: If there are no models, or the inputs of the models differ.
 
     Examples:
         >>> from torch_geometric_tactile.nn.models import TactileFNN
@@ -57,12 +58,12 @@ class AverageModel(Module):
         self.takes_batch = takes_batch(models[0])
         for model in models[1:]:
             names = input_names(model)
-            need(names == self.modalities, f"'models' must all take {self.modalities}", names)
+            need(names == self.modalities, f"'models' must all read {self.modalities}", names)
         self.numbers = bool(numbers)
         for name, value in (("center", center), ("scale", scale)):
             if value is not None and (not isinstance(value, Tensor) or value.dim() > 1):
-                raise ValueError(f"'{name}' must be a number of each output (got {value!r:.80})")
-            # Not persistent: they are saved with `init_arguments`.
+                raise ValueError(f"'{name}' must have a number per output (got {value!r:.80})")
+            # These buffers are not persistent: they are saved with `init_arguments`.
             self.register_buffer(f"_{name}", value, persistent=False)
         self.init_arguments = {
             "models": list(models),
@@ -77,12 +78,12 @@ class AverageModel(Module):
         Args:
             x (torch.Tensor): Prepared readings :math:`(B, N, F)`.
             edge_index (torch.Tensor, optional): Edges :math:`(2, |\mathcal{E}|)`.
-            **attributes (optional): The attributes that :obj:`modalities` names, and :obj:`batch`
-                if the models take it.
+            **attributes (optional): The attributes listed in :obj:`modalities`, and :obj:`batch` if
+                the models have this argument.
         """
         outputs = torch.stack([model(x, edge_index, **attributes) for model in self.models])
         if not self.numbers:
-            # The mean of probabilities, computed from logarithms so that it does not underflow.
+            # The mean of the probabilities is computed from logarithms to avoid underflow.
             return outputs.log_softmax(dim=-1).logsumexp(dim=0) - math.log(len(self.models))
         mean = outputs.double().mean(dim=0)
         if self._scale is not None:

@@ -1,4 +1,4 @@
-r"""A fitted estimator of scikit-learn as a model of tensors."""
+r"""A fitted scikit-learn estimator as a PyTorch model."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
@@ -11,17 +11,18 @@ from torch_geometric_tactile.predictor._estimator_steps import ROWS, Chain
 
 
 class EstimatorModel(Module):
-    r"""A fitted scikit-learn pipeline of :mod:`torch_geometric_tactile.baselines` as a model of
-    tensors: support vectors, trees and weights. It can be part of a predictor and be exported to
-    ONNX, and needs neither scikit-learn nor a pickle. :func:`estimator_predictor` builds it.
+    r"""A fitted scikit-learn pipeline of :mod:`torch_geometric_tactile.baselines` as a PyTorch
+    model. The support vectors, trees and weights are stored as tensors. The model can be part of a
+    predictor and can be exported to ONNX; it needs neither scikit-learn nor a pickle. Use
+    :func:`estimator_predictor` to build it.
 
-    It computes in double precision, as scikit-learn does, and returns the precision of the
+    The model computes in double precision, like scikit-learn. The output has the precision of the
     readings.
 
     Args:
-        steps (sequence of mappings): The steps in their order. The first one computes features of
-            samples; the others are fitted scalers and estimators. Each mapping holds the name of a
-            step (:obj:`"step"`) and its arguments, plain values and tensors.
+        steps (sequence of mappings): The steps in order. The first step computes features of
+            samples; the other steps are fitted scalers and estimators. Each mapping holds the name
+            of a step (:obj:`"step"`) and its arguments as plain values and tensors.
 
     Shapes:
         - **x:** prepared readings :math:`(B, N, F)`
@@ -45,7 +46,7 @@ class EstimatorModel(Module):
     def __init__(self, steps: Sequence[Mapping[str, Any]]) -> None:
         super().__init__()
         if not isinstance(steps, Sequence) or len(steps) < 2:
-            raise ValueError(f"'steps' must be features and more (got {steps!r:.80})")
+            raise ValueError(f"'steps' must be features and a model (got {steps!r:.80})")
         feature_step = dict(steps[0])
         name = feature_step.pop("step", None)
         if name not in FEATURES:
@@ -60,27 +61,27 @@ class EstimatorModel(Module):
 
         Args:
             estimator (estimator): A pipeline of :mod:`torch_geometric_tactile.baselines`.
-            num_classes (int, optional): Number of classes, including those that the training part
-                lacks; the model is a regression if left out.
-            **samples (bool, optional): :obj:`normal` and :obj:`tangent`, whether samples have these
+            num_classes (int, optional): Number of classes, including classes that are missing from
+                the training part. If left out, the model is a regression.
+            **samples (bool, optional): :obj:`normal` and :obj:`tangent`: whether samples have these
                 attributes.
 
         Raises:
             ValueError: If the estimator is not supported, not fitted, or a classifier without
                 probabilities.
         """
-        # Imported here: a model that is read from a file does not need scikit-learn.
+        # The import is here because a model that is read from a file does not need scikit-learn.
         from torch_geometric_tactile.predictor._estimator_numbers import fitted_steps
 
         return cls(fitted_steps(estimator, num_classes, **samples))
 
     @property
     def modalities(self) -> tuple[str, ...]:
-        r"""Names of the attributes of a batch that :meth:`forward` takes besides the readings."""
+        r"""The names of the attributes that :meth:`forward` reads in addition to the readings."""
         return self.features.modalities
 
     def float(self) -> Self:
-        r"""Returns the model unchanged, since it computes in double precision."""
+        r"""Returns the model unchanged, because it computes in double precision."""
         return self
 
     def forward(self, x: Tensor, edge_index: Tensor | None = None, **attributes: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-r"""A fitted estimator of scikit-learn as a predictor."""
+r"""A fitted scikit-learn estimator as a predictor."""
 
 from typing import Any
 
@@ -25,7 +25,8 @@ def estimator_predictor(
         estimator (estimator): The fitted pipeline. A support vector machine or a ridge classifier
             must be wrapped in :class:`~torch_geometric_tactile.baselines.TemperatureScaling`.
         dataset (StaticDataset): The data set.
-        transform (callable, optional): Fitted transform that is applied after that of the data set.
+        transform (callable, optional): Fitted transform that is applied after the transform of the
+            data set.
 
     Raises:
         ValueError: If the estimator is not supported, not fitted, or has no probabilities.
@@ -53,7 +54,7 @@ def estimator_predictor(
         normal=has_normal,
         tangent=sample.get("tangent") is not None,
     )
-    # The pipeline computes descriptors in its first step, a predictor in a transform.
+    # The pipeline computes descriptors in its first step; a predictor computes them in a transform.
     if "descriptors" in model.modalities:
         pos = sample.get("pos")
         descriptors = TaxelDescriptors(layout, posed=pos is not None and pos.dim() == 3)

@@ -40,22 +40,20 @@ _NO_DIGEST = "0" * 64
 _EXTRAS = ("onnx", "onnxscript", "onnxruntime")
 _TOLERANCE = 1e-5
 _SEED = 0
-_NUM_RANDOM_READINGS = (
-    256  # readings on which weights of eight bits are compared, without recordings
-)
+_NUM_RANDOM_READINGS = 256  # readings on which eight-bit weights are compared, without recordings
 
 _Example = tuple[np.ndarray, np.ndarray | None]  # frames (T, N, C) and angles (T, J)
 
 
 class Exported(NamedTuple):
-    r"""Properties of a file of :func:`export_onnx`.
+    r"""Properties of a file written by :func:`export_onnx`.
 
     Args:
-        num_bytes (int): Size of the file.
+        num_bytes (int): Size of the file in bytes.
         difference (float): Largest difference between the graph and the predictor.
         metadata (dict): The metadata of the file.
-        agreement (Agreement, optional): Comparison of the graphs with weights of eight bits and in
-            single precision, if the graph is quantized.
+        agreement (Agreement, optional): If the graph is quantized, a comparison of the graphs with
+            eight-bit weights and in single precision.
     """
 
     num_bytes: int
@@ -74,31 +72,36 @@ def export_onnx(
     check: Sequence[Recording] = (),
     rest: float | None = None,
 ) -> Exported:
-    r"""Writes a predictor as one ONNX graph: scaling, kinematics, edge features and network, from
-    raw readings to probabilities.
+    r"""Writes a predictor as one ONNX graph from raw readings to probabilities. The graph includes
+    scaling, kinematics, edge features and the network.
 
-    The inputs are :obj:`tactile` :math:`(1, N, C)`, or :math:`(1, T, N, C)` for a model of windows;
-    :obj:`rest`, the readings at rest, if a transform measures sessions
-    (:class:`~torch_geometric_tactile.transforms.Tare`); :obj:`joint` :math:`(J,)` if the predictor
-    reads joint angles; and the state of a model that steps from frame to frame. The outputs are
-    :obj:`probability` :math:`(1, K)` and the next state.
+    The graph has these inputs:
 
-    Before the graph is written, it is compared with the predictor on random readings, readings near
+    * :obj:`tactile` :math:`(1, N, C)`, or :math:`(1, T, N, C)` for a model that reads windows
+    * :obj:`rest`, the readings at rest, if a transform measures sessions
+      (:class:`~torch_geometric_tactile.transforms.Tare`)
+    * :obj:`joint` :math:`(J,)` in radians, if the predictor reads joint angles
+    * the state of a model that steps from frame to frame
+
+    The outputs are :obj:`probability` :math:`(1, K)` and the next state.
+
+    Before it is written, the graph is compared with the predictor on random readings, readings near
     rest and missing readings. If writing fails, no partial file is left.
 
     Args:
         predictor (Predictor): The predictor.
         path (str or PathLike): The file to write.
         unit (str, optional): Unit of the readings, for the metadata.
-        num_channels (int, optional): Channels of a taxel, if the predictor does not hold them.
-        quantize (bool): Whether large linear maps (524,288 weights and more) have weights of eight
-            bits. The file is smaller and faster, and its predictions differ slightly. The attribute
-            :obj:`agreement` and the metadata :obj:`"quantization"` hold the share of equal labels
-            and the largest change of a probability.
-        check (sequence of Recording): Recordings on which the predictions with weights of eight
-            bits are compared, such as validation recordings; random readings if left out.
-        rest (float, optional): Seconds at the beginning of each recording in which nothing touches
-            the sensor, for a transform that measures sessions; as in training if left out.
+        num_channels (int, optional): Number of channels per taxel, if the predictor does not store
+            it.
+        quantize (bool): If :obj:`True`, large linear maps (with 524,288 weights or more) have
+            eight-bit weights. The file is smaller and faster, and its predictions differ slightly.
+            The attribute :obj:`agreement` and the metadata :obj:`"quantization"` contain the share
+            of equal labels and the largest change of a probability.
+        check (sequence of Recording): Recordings on which predictions with eight-bit weights are
+            compared, such as validation recordings. By default, random readings are used.
+        rest (float, optional): Seconds at the start of each recording in which nothing touches the
+            sensor, for a transform that measures sessions. Defaults to the value in training.
 
     Raises:
         ImportError: If the extra is missing.
@@ -115,7 +118,7 @@ def export_onnx(
     program.ir_version = min(program.ir_version, 10)  # newer versions need a newer onnxruntime
     compute_in_blocks(program)
     reference = _copy_to_cpu(predictor)
-    reference.contact = None  # the readers of the file apply the rule, not the graph
+    reference.contact = None  # the readers of the file apply the rule; the graph does not
     reference.preparation.info = FrameInfo()  # a graph takes selected frames, so none are skipped
     single_session = _open_session(program.SerializeToString())
     difference = _largest_difference(single_session, graph, reference)
@@ -144,7 +147,7 @@ def export_onnx(
 
 
 def _insert_digest(content: bytes) -> bytes:
-    # The digest of the bytes with zeros in its place: a reader can check it without ONNX.
+    # The digest is computed with zeros in its place, so that a reader can check it without ONNX.
     field = f'"sha256": "{_NO_DIGEST}"'.encode()
     digest = hashlib.sha256(content).hexdigest()
     return content.replace(field, f'"sha256": "{digest}"'.encode())
@@ -201,7 +204,7 @@ def _describe_graph(predictor: Predictor, graph: OnnxGraph, unit: str | None) ->
 
 
 def _copy_to_cpu(predictor: Predictor) -> Predictor:
-    # A copy in single precision, since a trace may leave traced tensors in caches of the model.
+    # A copy in single precision is used, because tracing may leave tensors in caches of the model.
     out = copy.deepcopy(predictor)
     network = Network(out.model.float(), out.class_names, out.task, out.threshold)
     return Predictor._from_parts(out.preparation, network).to("cpu")
@@ -213,9 +216,9 @@ def _export_program(graph: OnnxGraph) -> Any:
     products = plain_products_when_traced() if graph.needs_all_readings else nullcontext()
     try:
         with torch.no_grad(), _without_warnings(), products:
-            graph(*inputs)  # fills the caches of layers, whose content is constant then
-            # Traced here, since `torch.onnx.export` of PyTorch 2.8 tries several ways to trace a
-            # graph, and `current_step` would be that of the last attempt.
+            graph(*inputs)  # fills the caches of layers, whose content is then constant
+            # The graph is traced here, because `torch.onnx.export` of PyTorch 2.8 tries several
+            # ways to trace a graph, and `current_step` would belong to the last attempt.
             exported_program = torch.export.export(graph, tuple(inputs), strict=False)
             program = torch.onnx.export(
                 exported_program,
@@ -230,8 +233,8 @@ def _export_program(graph: OnnxGraph) -> Any:
     except Exception as error:
         reason = " ".join(str(error.__cause__ or error).split())[:200]
         raise NotImplementedError(
-            f"{graph.current_step} cannot be exported: its operations have no ONNX form, or depend "
-            f"on values ({type(error).__name__}: {reason})"
+            f"{graph.current_step} cannot be exported: its operations have no ONNX equivalent, or "
+            f"depend on values ({type(error).__name__}: {reason})"
         ) from error
     assert program is not None
     return program.model_proto
@@ -239,7 +242,7 @@ def _export_program(graph: OnnxGraph) -> Any:
 
 @contextmanager
 def _without_warnings() -> Iterator[None]:
-    # PyTorch warns of optional packages and of deprecations in its own code.
+    # PyTorch warns about optional packages and about deprecations in its own code.
     logger = logging.getLogger("torch.onnx")
     level = logger.level
     logger.setLevel(logging.ERROR)
@@ -252,8 +255,8 @@ def _without_warnings() -> Iterator[None]:
 
 
 def _random_examples(graph: OnnxGraph, predictor: Predictor, count: int = 4) -> Iterator[_Example]:
-    r"""Yields random readings of the scale on which the predictor was fitted, then readings near
-    rest, readings with one missing taxel and readings with many missing taxels.
+    r"""Yields random readings on the scale of the fitted predictor, then readings near rest,
+    readings with one missing taxel and readings with many missing taxels.
     """
     draw = np.random.default_rng(_SEED)
     size = (graph.length, graph.layout.num_taxels, graph.num_channels)
@@ -305,7 +308,9 @@ def _compare_sessions(
 def _recorded_examples(
     graph: OnnxGraph, predictor: Predictor, recording: Recording, rest: float | None
 ) -> Iterator[tuple[_Example, dict[str, np.ndarray]]]:
-    r"""Yields the frames or windows of a recording with the measured rest of its session."""
+    r"""Yields the frames or windows of a recording with the measured readings at rest of its
+    session.
+    """
     preparation = predictor.preparation
     recording = preparation.match_recording(recording)
     rest_inputs: dict[str, np.ndarray] = {}
@@ -331,7 +336,7 @@ def _recorded_examples(
 
 
 def _usual_readings(predictor: Predictor, size: tuple[int, ...]) -> tuple[Any, Any]:
-    # Centre and scale of the readings, from the fitted transforms up to the first that scales.
+    # The centre and scale of the readings, from the fitted transforms up to the first that scales.
     preparation = predictor.preparation
     center, scale = np.zeros(size), np.ones(size)
     for part in preparation.transforms:
@@ -389,8 +394,8 @@ def _run_graph(session: Any, graph: OnnxGraph, example: _Example, rest: Any) -> 
 
 
 def _largest_difference(session: Any, graph: OnnxGraph, predictor: Predictor) -> float:
-    r"""Returns the largest difference between a graph and its predictor, infinite if only one of
-    them is NaN.
+    r"""Returns the largest difference between a graph and its predictor. It is infinite if only one
+    of them is NaN.
     """
     largest = 0.0
     for example in _random_examples(graph, predictor):

@@ -1,4 +1,4 @@
-r"""The score for which a model was selected."""
+r"""The score that led to the selection of a model."""
 
 import math
 from collections.abc import Mapping
@@ -10,8 +10,8 @@ _MAX_CHARACTERS = 200  # characters
 
 @dataclass(frozen=True)
 class MeasuredScore:
-    r"""Score of one kind of model on held-out samples, as measured by ``tactile compare`` before
-    the final model was trained on all samples. It is saved with a predictor.
+    r"""The score of a model on held-out samples. ``tactile compare`` measures it before the final
+    model is trained on all samples. It is saved with a predictor.
 
     Args:
         model (str): Name of the model in the comparison.
@@ -20,7 +20,7 @@ class MeasuredScore:
         sd (float, optional): Standard deviation over the splits; :obj:`None` for a single split.
         num_splits (int): Number of splits.
         protocol (str): Description of the splits, such as :obj:`"5 folds by trial"`.
-        trained_on (str): Description of the samples that the saved model was trained on.
+        trained_on (str): Description of the samples on which the saved model was trained.
 
     Raises:
         ValueError: If a value has the wrong type, or a text is longer than 200 characters.
@@ -43,7 +43,7 @@ class MeasuredScore:
             text = getattr(self, name)
             if not isinstance(text, str) or len(text) > _MAX_CHARACTERS:
                 raise ValueError(
-                    f"'{name}' must be a text of up to {_MAX_CHARACTERS} characters (got "
+                    f"'{name}' must be a text with up to {_MAX_CHARACTERS} characters (got "
                     f"{text!r:.80})"
                 )
         for name, number in (("mean", self.mean), ("sd", 0.0 if self.sd is None else self.sd)):
@@ -54,7 +54,7 @@ class MeasuredScore:
 
     @classmethod
     def from_dict(cls, content: Any) -> Self:
-        r"""Returns the score that :meth:`to_dict` returned as a mapping.
+        r"""Returns a score from the mapping that :meth:`to_dict` returned.
 
         Args:
             content (Mapping): The arguments by name.

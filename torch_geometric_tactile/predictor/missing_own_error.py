@@ -1,8 +1,9 @@
-r"""Error of a model or transform of the user that a file needs and that was not passed."""
+r"""The error for a missing user's model or transform that a file needs."""
 
 
 class MissingOwnError(ValueError):
-    r"""Raised if a file needs a model or transform that the user wrote and that was not passed.
+    r"""An error that is raised if a file needs the user's own model or transform and it was not
+    passed.
 
     Args:
         text (str): The message.

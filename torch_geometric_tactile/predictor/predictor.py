@@ -1,4 +1,4 @@
-r"""Predictors: from raw readings to probabilities."""
+r"""Predictors, which turn raw readings into probabilities."""
 
 import copy
 from collections.abc import Sequence
@@ -28,46 +28,48 @@ from torch_geometric_tactile.sensors import TaxelLayout
 
 
 class Predictor:
-    r"""A trained model together with everything that prepares its readings: the layout of the
-    sensor, the fitted transforms and the names of its classes. It takes raw readings of the sensor.
+    r"""A trained model together with the layout of its sensor, the fitted transforms and the names
+    of its classes. A predictor reads raw readings of the sensor and returns probabilities.
 
     The model and the transforms are copied. The model is always in evaluation mode. Attributes that
-    depend on the layout only, such as a nearest-neighbour graph, are computed once.
+    depend only on the layout, such as a nearest-neighbour graph, are computed once.
 
-    Missing readings (NaN) pass through the transforms like all others. Unless
-    :class:`~torch_geometric_tactile.transforms.FillMissing` is among them, the probabilities of
-    such a frame are NaN, and :meth:`labels` returns no label for it. Other frames are not affected.
+    Missing readings (NaN) pass through the transforms like all other readings. Unless a transform
+    is :class:`~torch_geometric_tactile.transforms.FillMissing`, the probabilities of a frame with
+    missing readings are NaN, and :meth:`labels` returns no label for it. Other frames are not
+    affected.
 
     Args:
-        model (torch.nn.Module): The model. It is called as :obj:`model(x, edge_index)`, with the
-            attributes that its :obj:`modalities` names as keywords, and returns logits
+        model (torch.nn.Module): The model. It is called as :obj:`model(x, edge_index)` with the
+            attributes listed in its :obj:`modalities` as keyword arguments, and returns logits
             :math:`(B, C)`. If its :obj:`forward` has an argument :obj:`batch`, it is called with
             the PyG batch of the frames.
         layout (TaxelLayout): The taxels.
-        transform (callable, optional): The transform of each reading, fitted if it needs fitting.
-            PyG's :class:`~torch_geometric.transforms.Compose` combines several.
-        class_names (sequence of str): Names of the classes or labels; their numbers if left out.
-        task (str): :obj:`"multiclass"` (one class a frame), :obj:`"multilabel"` (0 or 1 for each
+        transform (callable, optional): The transform of each reading. It must be fitted if it needs
+            fitting. Use PyG's :class:`~torch_geometric.transforms.Compose` to combine several.
+        class_names (sequence of str): Names of the classes or labels. If left out, classes have
+            only numbers.
+        task (str): :obj:`"multiclass"` (one class per frame), :obj:`"multilabel"` (0 or 1 for each
             label) or :obj:`"regression"` (numbers).
         adjacency (str or torch.Tensor, optional): The edges before any transform: the name of an
             adjacency of the layout, or edges :math:`(2, |\mathcal{E}|)`.
         pre_transform (callable, optional): The transform that is applied before :obj:`transform`.
-            Data for :meth:`prepare_samples` must have been transformed by it already.
-        num_channels (int, optional): Number of channels of a taxel; not checked if left out.
-        num_joints (int, optional): Number of joint angles of a frame; not checked if left out.
+            Data for :meth:`prepare_samples` must already be transformed by it.
+        num_channels (int, optional): Number of channels per taxel. Not checked if left out.
+        num_joints (int, optional): Number of joint angles per frame. Not checked if left out.
         threshold (float, optional): For two classes, the probability of class 1 above which
-            :meth:`labels` returns class 1; one half if left out.
-        info (FrameInfo, optional): Unit, order of columns, rate and thinning of the training
-            frames. Recordings must agree with it. :meth:`from_dataset` takes it from the data set.
+            :meth:`labels` returns class 1. Defaults to one half.
+        info (FrameInfo, optional): Unit, column order, frame rate and thinning of the training
+            frames. Recordings must match. :meth:`from_dataset` reads it from the data set.
         contact (ContactRule, optional): The rule that detects frames without contact. Their
             probabilities are NaN, and their label is :obj:`"no contact"`. The rule compares
-            readings with its own readings at rest, or with those that :meth:`adapt` or
-            :meth:`adapt_recording` measured last. The attribute can be set. A window lacks contact
-            if none of its frames has contact.
+            readings with its own readings at rest, or with readings that :meth:`adapt` or
+            :meth:`adapt_recording` measured last. A window has no contact if none of its frames has
+            contact. The attribute can be changed later.
 
     A model that was trained on :class:`~torch_geometric_tactile.data.Windows` or
-    :class:`~torch_geometric_tactile.data.Trials` takes windows of raw frames.
-    :meth:`recording` and :meth:`windows` cut them from a
+    :class:`~torch_geometric_tactile.data.Trials` reads windows of raw frames.
+    :meth:`recording` and :meth:`windows` cut windows from a
     :class:`~torch_geometric_tactile.data.Recording`.
 
     Shapes:
@@ -78,8 +80,8 @@ class Predictor:
           regression
 
     Raises:
-        ValueError: If :obj:`task` is unknown. A call raises it if the shape of a reading is wrong,
-            or if an attribute that the transforms or the model need is missing.
+        ValueError: If :obj:`task` is unknown. A call raises this error if the shape of a reading is
+            wrong, or if the transforms or the model need a missing attribute.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -145,16 +147,16 @@ class Predictor:
         task: Task = "multiclass",
         threshold: float | None = None,
     ) -> Self:
-        r"""Returns the predictor of a model that was trained on a data set, with the data set's
-        layout, edges, transforms and class names.
+        r"""Returns the predictor for a model that was trained on a data set. The predictor has the
+        layout, edges, transforms and class names of the data set.
 
         Args:
             model (torch.nn.Module): The model.
             dataset (StaticDataset): The data set.
-            transform (callable, optional): Transform that training applied after that of the data
-                set, such as a fitted scaler.
-            task (str): As of the class.
-            threshold (float, optional): As of the class.
+            transform (callable, optional): The transform that training applied after the transform
+                of the data set, such as a fitted scaler.
+            task (str): As in :class:`Predictor`.
+            threshold (float, optional): As in :class:`Predictor`.
         """
         preparation = Preparation.from_dataset(dataset, transform)
         network = Network(copy.deepcopy(model), dataset.class_names, task, threshold)
@@ -167,16 +169,17 @@ class Predictor:
         model: Module | None = None,
         transforms: Sequence[Transform] | None = None,
     ) -> Self:
-        r"""Returns the predictor of a checkpoint of ``tactile fit``, without Lightning.
+        r"""Returns the predictor in a checkpoint written by ``tactile fit``. Lightning is not
+        needed.
 
         Args:
             path (str or PathLike): The checkpoint.
-            model (torch.nn.Module, optional): As of :meth:`load`.
-            transforms (sequence of callable, optional): As of :meth:`load`.
+            model (torch.nn.Module, optional): As in :meth:`load`.
+            transforms (sequence of callable, optional): As in :meth:`load`.
 
         Raises:
-            FileNotFoundError: If there is no such file.
-            ValueError: If the file cannot be read, or as :meth:`load`.
+            FileNotFoundError: If the file does not exist.
+            ValueError: If the file cannot be read, or for the reasons listed in :meth:`load`.
         """
         return cls._from_parts(*_content.load_checkpoint(path, model, transforms))
 
@@ -187,24 +190,26 @@ class Predictor:
         model: Module | None = None,
         transforms: Sequence[Transform] | None = None,
     ) -> Self:
-        r"""Reads a predictor from a file of :meth:`save`. Only models and transforms of this
-        package, and some of PyG's, are built by their names. No code in the file is run.
+        r"""Reads a predictor from a file written by :meth:`save`. Only models and transforms of
+        this package, and some transforms of PyG, are built by their names. No code in the file is
+        run.
 
         Args:
-            path (str or PathLike): The file, or the name of a predictor of the package, as in
-                :func:`~torch_geometric_tactile.predictor.stock_predictors`. An existing file has
+            path (str or PathLike): The file, or the name of a predictor of the package, as listed
+                by :func:`~torch_geometric_tactile.predictor.stock_predictors`. An existing file has
                 precedence over a name.
             model (torch.nn.Module, optional): The model, if it cannot be built from the file, such
-                as a model that you wrote. Class and sizes must be those of the saved model; the
-                weights come from the file.
+                as your own model. It must have the class and sizes of the saved model; the weights
+                come from the file.
             transforms (sequence of callable, optional): The transforms that cannot be built from
-                the file, such as those that you wrote, with the same class and :obj:`repr`. Their
-                fitted state comes from the file. Further transforms are ignored.
+                the file, such as your own transforms. They must have the class and :obj:`repr` of
+                the saved transforms; their fitted state comes from the file. Additional transforms
+                are ignored.
 
         Raises:
             FileNotFoundError: If there is no such file or name.
-            ValueError: If the file is damaged or of another version, or if :obj:`model` or
-                :obj:`transforms` are missing or differ from those that were saved.
+            ValueError: If the file is damaged or from another version, or if :obj:`model` or
+                :obj:`transforms` are missing or differ from the saved objects.
 
         Examples:
             >>> predictor = Predictor.load("biotac_sp_slip")
@@ -214,7 +219,7 @@ class Predictor:
         return cls._from_parts(*_content.load(path, model, transforms))
 
     def save(self, path: PathLike) -> None:
-        r"""Writes the predictor to one file of JSON and tensors, in the format of safetensors. If
+        r"""Writes the predictor to one file with JSON and tensors, in the safetensors format. If
         writing fails, no partial file is left.
 
         Args:
@@ -235,29 +240,29 @@ class Predictor:
         model: Module | None = None,
         transforms: Sequence[Transform] | None = None,
     ) -> Self:
-        r"""Reads a predictor from a repository of the Hugging Face Hub, or from a folder or a file.
-        The downloaded file is read as in :meth:`load`: no code in it is run.
+        r"""Reads a predictor from a repository on the Hugging Face Hub, or from a folder or a file.
+        The downloaded file is read as in :meth:`load`, without running any code in it.
 
         Args:
             path_or_repo_id (str or PathLike): The name of the repository, such as
                 :obj:`"user/slip"`, the path of a file, or a folder with :obj:`model.predictor`.
-            revision (str, optional): The branch, tag or commit; :obj:`"main"` if left out.
-            token (str or bool, optional): The access token. :obj:`False` sends no token; by default
-                the stored token is sent.
-            cache_dir (str or PathLike, optional): The folder of downloaded files; the cache of
-                :obj:`huggingface_hub` if left out.
-            local_files_only (bool): Whether to use downloaded files only, without a connection.
+            revision (str, optional): The branch, tag or commit. Defaults to :obj:`"main"`.
+            token (str or bool, optional): The access token. :obj:`False` sends no token. By
+                default, the stored token is sent.
+            cache_dir (str or PathLike, optional): The folder for downloaded files. Defaults to the
+                cache of :obj:`huggingface_hub`.
+            local_files_only (bool): Whether to use only downloaded files, without a connection.
             force_download (bool): Whether to download the file again.
-            model (torch.nn.Module, optional): As of :meth:`load`.
-            transforms (sequence of callable, optional): As of :meth:`load`.
+            model (torch.nn.Module, optional): As in :meth:`load`.
+            transforms (sequence of callable, optional): As in :meth:`load`.
 
         Raises:
             ConnectionError: If the hub cannot be reached and the file was not downloaded before.
-            FileNotFoundError: If there is no such repository, revision or file, or the token may
-                not read it.
+            FileNotFoundError: If there is no such repository, revision or file, or the token does
+                not allow reading it.
             ImportError: If :obj:`huggingface_hub` is missing. Local files do not need it.
             PermissionError: If the terms of use of the repository are not accepted.
-            ValueError: If the name is not a valid repository name, or for the reasons of
+            ValueError: If the name is not a valid repository name, or for the reasons listed in
                 :meth:`load`.
 
         Examples:
@@ -282,25 +287,25 @@ class Predictor:
         commit_message: str = "Upload predictor",
         revision: str | None = None,
     ) -> str:
-        r"""Uploads the predictor to a repository of the Hugging Face Hub, which is created if it
-        does not exist, and returns the URL of the commit. The repository gets the file of
+        r"""Uploads the predictor to a repository on the Hugging Face Hub and returns the URL of the
+        commit. The repository is created if it does not exist. It receives the file written by
         :meth:`save` as :obj:`model.predictor`, and a model card (:obj:`README.md`) with task,
-        classes, sensor and score; files of these names are replaced.
+        classes, sensor and score. Existing files with these names are replaced.
 
         Args:
             repo_id (str): The name of the repository, such as :obj:`"user/slip"`.
-            token (str or bool, optional): An access token that may write; the stored token if left
-                out.
-            private (bool, optional): Whether a new repository is private; the default of the
-                account if left out.
+            token (str or bool, optional): An access token with write permission. Defaults to the
+                stored token.
+            private (bool, optional): Whether a new repository is private. Defaults to the setting
+                of the account.
             commit_message (str): The message of the commit.
-            revision (str, optional): The branch, which is created if it does not exist;
-                :obj:`"main"` if left out.
+            revision (str, optional): The branch. It is created if it does not exist. Defaults to
+                :obj:`"main"`.
 
         Raises:
             ConnectionError: If the hub cannot be reached.
             ImportError: If :obj:`huggingface_hub` is missing.
-            PermissionError: If the token may not write to the repository.
+            PermissionError: If the token does not allow writing to the repository.
             ValueError: If the name is not a valid repository name, or the model cannot be saved.
 
         Examples:
@@ -322,28 +327,29 @@ class Predictor:
 
     @property
     def transform(self) -> Transform | None:
-        r"""The transform of each reading, in its fitted state."""
+        r"""The fitted transform of each reading."""
         return self.preparation.transform
 
     @property
     def read_options(self) -> dict[str, Any]:
         r"""The options with which :func:`~torch_geometric_tactile.io.read_recording` reads files
-        like those of the training, such as column names and the number of channels. Empty if the
-        training data were not read from files.
+        like the training files, such as column names and the number of channels. Empty if the
+        training data was not read from files.
         """
         return dict(self.preparation.read_options)
 
     @property
     def window(self) -> WindowCut | None:
-        r"""Length, hop and treatment of short recordings with which windows are cut; :obj:`None`
-        for a model of single frames.
+        r"""The settings with which windows are cut: length, hop and treatment of short recordings.
+        :obj:`None` for a model that reads single frames.
         """
         return self.preparation.window
 
     @property
     def info(self) -> FrameInfo:
-        r"""Unit, columns, rate and thinning of the training frames. Recordings and live frames with
-        another unit are rejected, and those with another rate if the model depends on it.
+        r"""The unit, columns, frame rate and thinning of the training frames. Recordings and live
+        frames with another unit are rejected. A different frame rate is rejected if the model
+        depends on the frame rate.
         """
         return self.preparation.info
 
@@ -357,13 +363,13 @@ class Predictor:
 
     @property
     def measures_rest(self) -> bool:
-        r"""Whether a :class:`~torch_geometric_tactile.transforms.Tare` averages all readings of
-        :meth:`adapt`, so that all of them must be at rest.
+        r"""Whether a :class:`~torch_geometric_tactile.transforms.Tare` averages all readings that
+        are passed to :meth:`adapt`. All of them must then be at rest.
         """
         return self.preparation.session.measures_rest
 
     def to(self, device: torch.device | str) -> Self:
-        r"""Moves model and preparation to a device.
+        r"""Moves the model and the preparation to a device.
 
         Args:
             device (torch.device or str): The device.
@@ -383,7 +389,7 @@ class Predictor:
 
     @property
     def class_names(self) -> tuple[str, ...]:
-        r"""Names of the classes or labels; empty if they have numbers only."""
+        r"""The names of the classes or labels; empty if they only have numbers."""
         return self.network.class_names
 
     @class_names.setter
@@ -401,8 +407,8 @@ class Predictor:
 
     @property
     def threshold(self) -> float | None:
-        r"""For two classes, the probability of class 1 above which :meth:`labels` returns class 1;
-        one half if :obj:`None`.
+        r"""For two classes, the probability of class 1 above which :meth:`labels` returns class 1.
+        :obj:`None` means one half.
         """
         return self.network.threshold
 
@@ -446,8 +452,8 @@ class Predictor:
         return self.network.probability(logits)
 
     def names(self, num_outputs: int) -> list[str]:
-        r"""Returns the names of the outputs: the names of the classes or labels, or else their
-        numbers.
+        r"""Returns the names of the outputs: the names of the classes or labels, or their numbers
+        if there are no names.
 
         Args:
             num_outputs (int): Number of outputs :math:`C`.
@@ -458,15 +464,15 @@ class Predictor:
         return self.network.names(num_outputs)
 
     def labels(self, probability: Tensor, lacks_contact: Tensor | None = None) -> list[list[str]]:
-        r"""Returns the predicted labels of each frame: the most probable class, the class that the
-        :obj:`threshold` selects, or for a multilabel task all labels with a probability above one
-        half. Frames with NaN probabilities have no label. Frames without contact have the label
-        :obj:`"no contact"`.
+        r"""Returns the predicted labels of each frame: the most probable class or, with a
+        :obj:`threshold`, the class that the threshold selects. A multilabel task returns all labels
+        with a probability above one half. Frames with NaN probabilities have no label. Frames
+        without contact have the label :obj:`"no contact"`.
 
         Args:
             probability (torch.Tensor): The probabilities :math:`(C,)` or :math:`(B, C)`.
-            lacks_contact (torch.Tensor, optional): For each frame, whether it lacks contact, from
-                :meth:`lacks_contact` :math:`(B,)`. If left out, all frames are taken to have
+            lacks_contact (torch.Tensor, optional): The mask of frames without contact from
+                :meth:`lacks_contact` :math:`(B,)`. By default, all frames are assumed to have
                 contact.
 
         Raises:
@@ -497,8 +503,8 @@ class Predictor:
         return self.preparation.prepare_samples(data)
 
     def prepare_frame(self, reading: ArrayLike, joint: ArrayLike | None = None) -> StaticData:
-        r"""Returns one frame of a stream as input of the model. For a model of windows, only the
-        transforms of frames are applied; see :meth:`prepare_window`.
+        r"""Returns one frame of a stream as input of the model. For a model that reads windows,
+        only the transforms of frames are applied; see :meth:`prepare_window`.
 
         Args:
             reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(N, C)`.
@@ -517,17 +523,19 @@ class Predictor:
         return self.preparation.prepare_window(frame, window)
 
     def windows(self, recording: Recording, *, resample: bool = False) -> tuple[StaticData, Tensor]:
-        r"""Returns the windows of a recording, selected and cut as in training, before the
-        transforms of windows, and the index of the last frame of each window :math:`(W,)`.
+        r"""Returns the windows of a recording and the index of the last frame of each window
+        :math:`(W,)`. Windows are selected and cut as in training. The transforms of windows are not
+        applied.
 
         Args:
             recording (Recording): The recording.
-            resample (bool): Whether to resample a recording of another rate. The indices then
-                count the frames of
+            resample (bool): Whether to resample a recording with another frame rate. The indices
+                then count the frames of
                 :meth:`Recording.resample <torch_geometric_tactile.data.Recording.resample>`.
 
         Raises:
-            ValueError: If the model takes single frames, or for the reasons of :meth:`recording`.
+            ValueError: If the model reads single frames, or for the reasons listed in
+                :meth:`recording`.
         """
         return self.preparation.windows(recording, resample=resample)
 
@@ -538,45 +546,49 @@ class Predictor:
         time: ArrayLike | None = None,
     ) -> int:
         r"""Measures a new recording session from some of its readings, which need no labels.
-        Returns the number of the session, which later calls use by default. See
+        Returns the number of the session. Later calls use this session by default. See
         :class:`~torch_geometric_tactile.transforms.SessionZScore` and
         :class:`~torch_geometric_tactile.transforms.Tare`.
 
-        If no transform measures sessions, or a tare measures all readings, the same readings are
-        also the rest of :attr:`contact`.
+        If no transform measures sessions, or a tare measures all readings, the rule
+        :attr:`contact` uses the same readings as its readings at rest.
 
         Args:
-            reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(B, N, F)`. A model of
-                windows takes windows, or frames if a transform of frames measures the session.
+            reading (torch.Tensor or numpy.ndarray): Raw readings :math:`(B, N, F)`. For a model
+                that reads windows, pass windows, or frames if a transform of frames measures the
+                session.
             joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians.
             time (torch.Tensor or numpy.ndarray, optional): Time of each reading in seconds
                 :math:`(B,)`, if :class:`~torch_geometric_tactile.transforms.Tare` needs it.
 
         Raises:
-            ValueError: If nothing measures sessions, or for the reasons of a call.
+            ValueError: If nothing measures sessions, or for the reasons listed in
+                :class:`Predictor`.
         """
         return self.preparation.session.adapt(reading, joint, time)
 
     def adapt_recording(
         self, recording: Recording, *, rest: float | None = None, resample: bool = False
     ) -> int:
-        r"""Measures a new recording session from a recording, and returns its number. Works for
-        models of frames and of windows. The frames are selected as in training.
+        r"""Measures a new recording session from a recording, and returns the number of the
+        session. This works for models that read frames or windows. The frames are selected as in
+        training.
 
         Args:
             recording (Recording): The recording, or its first seconds.
-            rest (float, optional): Seconds at the beginning in which nothing touches the sensor.
+            rest (float, optional): Seconds at the start in which nothing touches the sensor.
                 :class:`~torch_geometric_tactile.transforms.Tare` and :attr:`contact` measure all of
-                these frames. If left out, they measure as many as in training.
-            resample (bool): Whether to resample a recording of another rate.
+                these frames. By default, they measure as many frames as in training.
+            resample (bool): Whether to resample a recording with another frame rate.
 
         Raises:
-            ValueError: If nothing measures sessions, or for the reasons of :meth:`recording`.
+            ValueError: If nothing measures sessions, or for the reasons listed in
+                :meth:`recording`.
         """
         return self.preparation.session.adapt_recording(recording, rest=rest, resample=resample)
 
     def adapt_windows(self, windows: StaticData) -> int:
-        r"""Measures a new recording session from windows, and returns its number.
+        r"""Measures a new recording session from windows, and returns the number of the session.
 
         Args:
             windows (StaticData): Windows from :meth:`windows`.
@@ -596,11 +608,11 @@ class Predictor:
 
         Args:
             reading (torch.Tensor or numpy.ndarray): One reading :math:`(N, F)` or several readings
-                :math:`(B, N, F)`; windows for a model of windows.
+                :math:`(B, N, F)`; for a model that reads windows, windows.
             joint (torch.Tensor or numpy.ndarray, optional): Joint angles in radians, one row for
-                all readings :math:`(J,)` or one row for each :math:`(B, J)`.
-            session (int, optional): Number of the session from :meth:`adapt`; the last one if left
-                out.
+                all readings :math:`(J,)` or one row per reading :math:`(B, J)`.
+            session (int, optional): Number of the session from :meth:`adapt`. Defaults to the last
+                session.
         """
         with torch.inference_mode():
             out = self.probability(self.logits(self.prepare(reading, joint, session)))
@@ -609,32 +621,33 @@ class Predictor:
         return out[0] if len(array_shape(reading)) == 2 else out
 
     def with_tare(self) -> Self:
-        r"""Returns a copy of this predictor that takes raw readings, for a predictor that takes
-        readings relative to rest, such as those of :obj:`AllegroUSkin(tare="hover")`. Its first
-        transform is a :class:`~torch_geometric_tactile.transforms.Tare`; :meth:`adapt` measures
-        the rest.
+        r"""Returns a copy of this predictor for raw readings. Use it if the predictor was trained
+        on readings relative to rest, such as readings of :obj:`AllegroUSkin(tare="hover")`. The
+        first transform of the copy is a :class:`~torch_geometric_tactile.transforms.Tare`;
+        :meth:`adapt` measures the readings at rest.
 
         Raises:
-            ValueError: If a transform measures sessions already, or a transform is applied before
-                windows are cut.
+            ValueError: If a transform already measures sessions, or if a transform is applied
+                before windows are cut.
         """
         return self._from_parts(add_tare(self.preparation), copy.deepcopy(self.network))
 
     def recording(
         self, recording: Recording, batch_size: int = 256, *, resample: bool = False
     ) -> Tensor:
-        r"""Returns the probabilities of all frames of a recording :math:`(T, C)`. For a model of
-        windows, returns those of its windows :math:`(W, C)`, selected and cut as in training.
+        r"""Returns the probabilities of all frames of a recording :math:`(T, C)`. For a model that
+        reads windows, returns the probabilities of its windows :math:`(W, C)`, which are selected
+        and cut as in training.
 
         Args:
-            recording (Recording): The recording, tared if the training recordings were.
+            recording (Recording): The recording. It must be tared if the training recordings were.
             batch_size (int): Number of frames or windows that are computed at a time.
-            resample (bool): Whether to resample a recording whose rate differs from that of the
-                training, for a model of windows.
+            resample (bool): For a model that reads windows, whether to resample a recording with
+                another frame rate than the training data.
 
         Raises:
-            ValueError: If the taxels, channels, joints, column names, unit or rate of the recording
-                differ from those of the training, or it has too few frames for a window.
+            ValueError: If the taxels, channels, joints, column names, unit or frame rate of the
+                recording differ from the training data, or if it has too few frames for a window.
         """
         preparation = self.preparation
         if self.window is not None:
@@ -646,20 +659,21 @@ class Predictor:
             return _mask_probability(out, preparation.windows_lacking_contact(recording, last))
         _check_batch_size(batch_size)
         recording = preparation.match_recording(recording)
-        # At least one chunk, so that an empty recording has an output (0, C).
+        # There is at least one chunk, so that an empty recording has an output (0, C).
         starts = range(0, max(recording.num_frames, 1), batch_size)
         chunks = [recording.select(slice(start, start + batch_size)) for start in starts]
         return torch.cat([self(chunk.tactile, chunk.joint) for chunk in chunks])
 
     def lacks_contact(self, reading: ArrayLike | Recording, *, resample: bool = False) -> Tensor:
-        r"""Returns for each frame whether it lacks contact by the rule :attr:`contact`, or for each
-        window of a model of windows whether all of its frames do. Their probabilities are NaN, and
-        :meth:`labels` returns :obj:`"no contact"`. Without a rule, all have contact.
+        r"""Returns a mask of the frames without contact, by the rule :attr:`contact`. For a model
+        that reads windows, returns a mask of the windows in which no frame has contact. The
+        probabilities of these frames or windows are NaN, and :meth:`labels` returns
+        :obj:`"no contact"`. Without a rule, all frames have contact.
 
         Args:
             reading (Recording or torch.Tensor or numpy.ndarray): A recording, or readings as for a
                 call.
-            resample (bool): As of :meth:`recording`.
+            resample (bool): As in :meth:`recording`.
 
         Shapes:
             - **output:** :math:`(T,)` for frames, :math:`(W,)` for windows
@@ -678,7 +692,7 @@ class Predictor:
 
     def of_windows(self, windows: StaticData, batch_size: int = 256) -> Tensor:
         r"""Returns the probabilities of windows :math:`(W, C)`. Windows without contact are not
-        masked, since the rule :attr:`contact` needs raw readings.
+        masked, because the rule :attr:`contact` needs raw readings.
 
         Args:
             windows (StaticData): Windows from :meth:`windows`.
@@ -705,8 +719,8 @@ class Predictor:
 
 
 def _mask_probability(probability: Tensor, lacks_contact: Tensor) -> Tensor:
-    r"""Returns probabilities with NaN in the rows without contact, so that no program takes them
-    for a prediction.
+    r"""Returns probabilities with NaN in the rows without contact, so that programs do not use them
+    as predictions.
 
     Shapes:
         - **probability:** :math:`(B, C)`

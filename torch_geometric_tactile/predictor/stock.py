@@ -1,4 +1,4 @@
-r"""Trained predictors in the data files of the package."""
+r"""Trained predictors that are shipped with the package."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -9,10 +9,10 @@ _SUFFIX = ".predictor"
 
 
 def stock_predictors() -> list[str]:
-    r"""Returns the names of the trained predictors of the package, which :meth:`Predictor.load
-    <torch_geometric_tactile.Predictor.load>`, commands and
-    :class:`~torch_geometric_tactile.live.Judge` take in place of a file. Data, score and limits of
-    each are in ``docs/pretrained.md``.
+    r"""Returns the names of the trained predictors of the package. :meth:`Predictor.load
+    <torch_geometric_tactile.Predictor.load>`, the commands and
+    :class:`~torch_geometric_tactile.live.Judge` accept these names in place of a file.
+    ``docs/pretrained.md`` describes their data, scores and limits.
 
     Examples:
         >>> stock_predictors()
@@ -42,8 +42,9 @@ def predictor_path(name: PathLike) -> Path:
     if isinstance(name, str) and name in stock_predictors():
         return _folder() / f"{name}{_SUFFIX}"
     raise FileNotFoundError(
-        f"there is no predictor or checkpoint '{name}': give the path of a file of Predictor.save, "
-        f"'tactile predict --save' or 'tactile fit', or one of {stock_predictors()}"
+        f"there is no predictor or checkpoint '{name}': give the path of a file from "
+        f"Predictor.save, 'tactile predict --save' or 'tactile fit', or one of "
+        f"{stock_predictors()}"
     )
 
 

@@ -1,4 +1,4 @@
-r"""The analysis of a trained model, as a page of numbers and pictures."""
+r"""The analysis of a trained model as a page with numbers and pictures."""
 
 import copy
 from collections.abc import Iterator
@@ -46,7 +46,7 @@ _METHOD_NAMES = {"tsne": "t-SNE", "umap": "UMAP"}
 
 
 class Section(NamedTuple):
-    r"""A section of the page, with the names of its pictures."""
+    r"""A section of the page and the names of its pictures."""
 
     title: str
     text: str
@@ -77,12 +77,14 @@ class PredictorAnalysis:
         self.names = [name.replace("_", " ") for name in predictor.names(self.logits.size(1))]
 
     def sections(self) -> Iterator[Section]:
-        r"""Yields the sections that model and layout support, and notes on those left out."""
+        r"""Yields the sections that the model and the layout support, and notes on sections that
+        are left out.
+        """
         yield self.scores()
         links = set(HandKinematics.allegro().link_names)
         if not links.issuperset(self.layout.link_names):
             yield Section(
-                "Left out", "Drawings on the hand: the layout is not that of the Allegro hand."
+                "Left out", "Drawings on the hand: the layout is not a layout of the Allegro hand."
             )
             return
         encoder = getattr(self.model, "encoder", None)
@@ -93,17 +95,16 @@ class PredictorAnalysis:
         if hasattr(self.model, "node_features"):
             yield self.features()
         else:
-            yield Section("Left out", "Node features: this model has none.")
+            yield Section("Left out", "Node features: this model does not compute them.")
         if "tactile" in getattr(self.model, "inputs", ("tactile",)):
             yield self.attribution()
         else:
-            yield Section("Left out", "Attribution: this model takes no readings.")
+            yield Section("Left out", "Attribution: this model has no tactile input.")
 
     def scores(self) -> Section:
         r"""Returns the confusion matrices and ROC curves of the full test part."""
         logits, y = self.logits, self.y
-        # Logits or log-probabilities, since probabilities of confident predictions all round to
-        # one.
+        # Logits or log-probabilities are used because confident probabilities all round to one.
         is_multilabel = self.predictor.task == "multilabel"
         score = logits.double() if is_multilabel else logits.double().log_softmax(dim=-1)
         curves = analysis.roc_curves(y, score, self.names)
@@ -131,7 +132,7 @@ class PredictorAnalysis:
         )
         figure = plot_roc(curves, f"{self.name}: ROC of {contrast}", bold=MACRO)
         save_figure(figure, self.out / "roc.png")
-        text += f" Area under the ROC curve, mean of all: {curves[MACRO].auc:.3f}."
+        text += f" Mean area under the ROC curves: {curves[MACRO].auc:.3f}."
         return Section("Confusion and ROC", text, ("confusion.png", "roc.png"))
 
     def encoder(self, encoder: EdgeFeatureEncoder) -> Section:
@@ -161,19 +162,19 @@ class PredictorAnalysis:
         num_constant = int((input_size == 0).sum())
         text = "\n".join(
             [
-                "One value for each edge: the first principal component of the encoder's mean "
-                f"absolute weights ({explained:.0%} of their variance), larger for larger "
+                "Each edge has one value: the first principal component of the encoder's mean "
+                f"absolute weights ({explained:.0%} of their variance). It is larger for larger "
                 "weights. The AUC measures how well this value separates edges between segments "
                 "from edges within them (0.5: not at all, 1: larger between, 0: smaller between). "
                 "Compare it with encoders with random weights, and with the size of the encoder's "
-                "input from each edge (mean absolute edge feature, scaled as for the model), which "
-                "limits how far training can move the weights:",
+                "input from each edge (mean absolute edge feature, scaled as for the model). The "
+                "input size limits how far training can move the weights:",
                 "",
-                "| edges | number | this encoder | 5 untrained | size of the input |",
+                "| edges | number | this encoder | 5 untrained | input size |",
                 "|---|---|---|---|---|",
                 *rows,
                 "",
-                f"{num_constant} edges have zero features in all of these frames; training cannot "
+                f"{num_constant} edges have zero features in all of these frames. Training cannot "
                 "change their weights.",
             ]
         )
@@ -224,9 +225,9 @@ class PredictorAnalysis:
         text = "\n".join(
             [
                 f"Each taxel is represented by its features ({trained.size(-1)} channels) in all "
-                "frames, each channel scaled to mean zero and standard deviation one. The table "
-                "gives the silhouette, and the share of a taxel's 10 nearest neighbours that "
-                "belong to its segment, both in the space of the features:",
+                "frames. Each channel is scaled to mean zero and standard deviation one. The table "
+                "gives the silhouette and the share of a taxel's 10 nearest neighbours that "
+                "belong to its segment, both in feature space:",
                 "",
                 "| features of | silhouette by patch | neighbours in patch | silhouette by digit | "
                 "neighbours in digit |",
@@ -268,7 +269,7 @@ class PredictorAnalysis:
             rows.append(f"| {' | '.join(cells)} |")
             scores[name], drops[name] = score, drop[patch]
         if not scores:
-            return Section("Attribution", "No class has two or more of the frames.")
+            return Section("Attribution", "No class has at least two of the frames.")
         columns = 3 if len(scores) in (3, 5, 6) else 4  # with few empty panels
         for file_name, values, label in (
             ("attribution.png", scores, "attribution (logit)"),
@@ -288,9 +289,10 @@ class PredictorAnalysis:
         text = "\n".join(
             [
                 "Attribution shows which readings raise the logit of a class or label (integrated "
-                "gradients from the zero of the scaled readings, mean over the frames that have "
-                "it). Occlusion shows how far the logit drops when a patch's readings are replaced "
-                "by their mean over these frames. The correlation of both is over the patches.",
+                "gradients from the zero of the scaled readings, averaged over the frames with "
+                "this class or label). Occlusion shows how far the logit drops when a patch's "
+                "readings are replaced by their mean over these frames. The correlation between "
+                "attribution and occlusion is computed over the patches.",
                 "",
                 "| class or label | frames | largest drops | correlation |",
                 "|---|---|---|---|",
@@ -339,7 +341,7 @@ def write_analysis(
     frames: int = 200,
     seed: int = 0,
 ) -> Path:
-    r"""Analyses a checkpoint of ``tactile fit``, or a predictor, on the test part of its data.
+    r"""Analyses a checkpoint from ``tactile fit``, or a predictor, on the test part of its data.
     Returns the path of the page.
     """
     model = predictor_path(model)
@@ -393,8 +395,8 @@ def analyze(
     seed: int = 0,
     name: str | None = None,
 ) -> Path:
-    r"""Analyses a predictor on labelled samples that it was not trained on. Returns the path of the
-    page.
+    r"""Analyses a predictor on labelled samples that were not used for training. Returns the path
+    of the page.
     """
     need(frames >= 2, "'frames' must be at least 2", frames)
     if predictor.task == "regression":

@@ -10,9 +10,12 @@ from torch_geometric_tactile._texts import markdown_table, markdown_text
 from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.experiments._board import BoardColumn
 
+_RANK_COLUMNS = ("model", "mean rank", "ranked sets")
+_NUM_SETS_PER_TABLE = 3  # a table with the columns of the ranks then has six columns
+
 
 def board_rows(columns: Sequence[BoardColumn]) -> tuple[list[str], list[list[str]]]:
-    r"""Returns the header and the rows of the board, sorted by mean place."""
+    r"""Returns the header and the rows of the board, sorted by mean rank."""
     places_by_set = [column.places() for column in columns if column.board_set.ranks]
     names = list(dict.fromkeys(name for column in columns for name in column.results))
     mean_place = {
@@ -21,7 +24,7 @@ def board_rows(columns: Sequence[BoardColumn]) -> tuple[list[str], list[list[str
         if (model_places := [places[name] for places in places_by_set if name in places])
     }
     num_sets = {name: sum(name in places for places in places_by_set) for name in names}
-    header = ["model", "mean place", "of sets", *(column.board_set.name for column in columns)]
+    header = [*_RANK_COLUMNS, *(column.board_set.name for column in columns)]
     ordered = sorted(names, key=lambda name: (name not in mean_place, mean_place.get(name, 0.0)))
     rows = [
         [
@@ -64,28 +67,50 @@ def board_markdown(columns: Sequence[BoardColumn], machine: str, hours: float) -
         [
             "# The board",
             "",
-            "All models of `tactile compare` with their default settings, on all real data sets "
-            "that were available. Readings are scaled and not prepared otherwise. Accuracy in "
-            "percent on the test part, mean and standard deviation over the folds; the best of "
-            "each column is bold. The mean place (1 is the best) is over the sets that rank models "
-            "and that the model supports.",
+            "This page compares all models of `tactile compare` on all real data sets that were "
+            "available. Use it to see which models do well on data like yours.",
             "",
-            *markdown_table(header, [[_code(row[0]), *row[1:]] for row in rows]),
+            "Models have their default settings, and readings are only scaled. The tables show the "
+            "accuracy in percent on the test part, as mean and standard deviation over the folds. "
+            "The best accuracy of each column is bold. The mean rank (1 is the best) is over the "
+            "data sets that rank models and that the model supports; the next column counts them.",
+            "",
+            *_score_tables(header, rows),
             "",
             "## The data sets",
             "",
             *markdown_table(
-                ["set", "class", "task and what is new in the test", "samples", "split", "ranks"],
+                ["set", "class", "task; test part", "samples", "split", "ranks models"],
                 set_rows,
             ),
             "",
-            f"Seed 0. {machine}; {hours:.1f} hours of training and testing in all runs.",
+            f"All runs have seed 0. They took {hours:.1f} hours of training and testing "
+            f"({machine}).",
             "",
-            "`tactile board --data DIR` writes this page and resumes an interrupted run; `--own "
+            "`tactile board --data DIR` writes this page and resumes an interrupted run. `--own "
             "my_nets.MyNet` adds your own model by its import path.",
             "",
         ]
     )
+
+
+def _score_tables(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    r"""Returns the lines of one Markdown table for each three data sets. The first one also has the
+    ranks; the others leave out models without a score.
+    """
+    lines: list[str] = []
+    num_rank_columns = len(_RANK_COLUMNS)
+    for start in range(num_rank_columns, len(header), _NUM_SETS_PER_TABLE):
+        stop = start + _NUM_SETS_PER_TABLE
+        is_first = start == num_rank_columns
+        num_names = num_rank_columns if is_first else 1
+        table_rows = [
+            [_code(row[0]), *row[1:num_names], *row[start:stop]]
+            for row in rows
+            if is_first or any(row[start:stop])
+        ]
+        lines += ["", *markdown_table([*header[:num_names], *header[start:stop]], table_rows)]
+    return lines[1:]
 
 
 def write_board(

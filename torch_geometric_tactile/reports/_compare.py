@@ -1,4 +1,4 @@
-r"""The files of a comparison of models: Markdown, CSV, JSON and a picture."""
+r"""The files with the results of a comparison: Markdown, CSV, JSON and a picture."""
 
 import csv
 import io
@@ -47,7 +47,7 @@ _TIME_MODELS_NOTE = (
     "The models temporal, lstm, temporal_cnn and minirocket process the frames in order, and "
     "svm_signal uses statistics of each signal; all others use the frames of a taxel as channels."
 )
-_PARTS_NOTE = "Scores on the test samples of all splits together, as the mean over the seeds."
+_PARTS_NOTE = "Scores over the test samples of all splits together, averaged over the seeds."
 _UNIT_COLUMNS = ("set", "session", "group", "trial")
 _MAX_UNITS = 50  # rows of a table by set, session or another unit, to keep the page readable
 _SIMULATED_NOTE = "The samples are simulated: the results may not hold for a real hand."
@@ -90,8 +90,8 @@ def comparison_rows(comparison: Comparison) -> tuple[list[str], list[list[str]]]
     if comparison.best_plain is not None:
         unit = " (points)" if comparison.metric in _PERCENT_METRICS else ""
         error_names = [name for name, _ in _standard_errors(comparison, None)]
-        header += [f"to {comparison.best_plain}{unit}", *error_names]
-    header += ["parameters", "seconds", "ms a sample"]
+        header += [f"vs {comparison.best_plain}{unit}", *error_names]
+    header += ["parameters", "seconds", "ms per sample"]
     ordered = sorted(comparison.results, key=comparison.merit, reverse=True)
     return header, [_row(comparison, result) for result in ordered]
 
@@ -99,7 +99,7 @@ def comparison_rows(comparison: Comparison) -> tuple[list[str], list[list[str]]]
 def _standard_errors(
     comparison: Comparison, difference: Difference | None
 ) -> list[tuple[str, float]]:
-    # The headers of the columns with their standard errors, NaN without a difference.
+    # The column headers with their standard errors, which are NaN if there is no difference.
     errors = Difference(math.nan, math.nan, math.nan, 0, 0) if difference is None else difference
     columns = [(f"over {comparison.units.name}s", errors.over_units)]
     if not comparison.has_given_parts:
@@ -140,9 +140,9 @@ def comparison_markdown(comparison: Comparison) -> str:
     lines += [markdown_text(text) for text in _facts(comparison)]
     lines += ["", *markdown_table(header, _escaped(rows)), ""]
     lines += [
-        "## Chosen settings",
+        "## Selected settings",
         "",
-        *markdown_table(["model", "description", "chosen"], _escaped(_settings_rows(comparison))),
+        *markdown_table(["model", "description", "selected"], _escaped(_settings_rows(comparison))),
     ]
     for kind, part_header, part_rows in _part_tables(comparison):
         lines += ["", f"## {NAMES[comparison.metric].capitalize()} by {kind}", "", _PARTS_NOTE, ""]
@@ -168,8 +168,8 @@ def _facts(comparison: Comparison) -> list[str]:
     notes.append(_SIMULATED_NOTE if plan.data.kind == "simulated" else "")
     return [
         f"{facts.num_samples:,} samples{counts}{facts.part_note}; {protocol.protocol.describe()}, "
-        f"{splits}. {_spread_note(comparison)}Settings were "
-        "chosen on a part of each training part; each test part was used once.",
+        f"{splits}. {_spread_note(comparison)}Settings were selected on a part of the training "
+        "samples; each test part was used once.",
         *filter(None, [_model_choice_note(comparison), *notes]),
     ]
 
@@ -178,31 +178,31 @@ def _spread_note(comparison: Comparison) -> str:
     if not comparison.has_given_parts:
         return "Mean ± standard deviation over the splits. "
     if comparison.num_seeds == 1:
-        return "Scores of one training of each model. "
-    return f"Mean ± standard deviation over {comparison.num_seeds} seeds of the training. "
+        return "Each model was trained once. "
+    return f"Mean ± standard deviation over {comparison.num_seeds} training seeds. "
 
 
 def _model_choice_note(comparison: Comparison) -> str:
     if not comparison.is_validated:
         return ""
     return (
-        "The recommended model has the best score on validation parts, which are held out of the "
-        "training samples (or given by the data set); models are then trained again on all "
-        "training samples. The test part is not used to choose a model."
+        "The recommended model has the best score on the validation parts, which are held out from "
+        "the training samples (or defined by the data set). Models are then trained again on all "
+        "training samples. The test part is not used to select a model."
     )
 
 
 def describe_sensors(plan: Plan) -> str:
-    r"""Returns a note on the models that are left out because the samples have different layouts;
-    empty if all samples share a layout.
+    r"""Returns a note that lists the models that are left out because the samples have different
+    layouts. The note is empty if all samples share a layout.
     """
     dataset = plan.data.load()
     if not isinstance(dataset, GraphSamples):
         return ""
     names = [model.name for model in MODELS if model.name != FLOOR]
     return (
-        f"The samples have {dataset.describe_taxels()} and share no layout. Compared are networks "
-        "called as forward(x, edge_index, batch) and the constant answer. Models that need a "
+        f"The samples have {dataset.describe_taxels()} and share no layout. Only networks with "
+        "forward(x, edge_index, batch) and the constant baseline are compared. Models that need a "
         f"layout are left out: {', '.join(names)}."
     )
 
@@ -212,9 +212,9 @@ def _differences_note(comparison: Comparison) -> str:
         return ""
     runs = "seeds" if comparison.has_given_parts else "splits"
     return (
-        f"Differences are to {comparison.best_plain}, the best plain model, on the same samples, "
-        f"with their standard errors over the {runs} and over the {comparison.units.name}s; * "
-        f"marks a difference beyond the noise. {RULE}"
+        f"Differences are relative to {comparison.best_plain}, the best plain model, on the same "
+        f"samples, with standard errors over the {runs} and over the {comparison.units.name}s. "
+        f"A * marks a difference beyond the noise. {RULE}"
     )
 
 
@@ -237,7 +237,7 @@ def _escaped(rows: Sequence[Sequence[str]]) -> list[list[str]]:
 
 
 def comparison_csv(comparison: Comparison) -> str:
-    r"""Returns all scores as CSV, one score per line, and the differences of the compared
+    r"""Returns all scores as CSV with one score per line, and the differences in the compared
     metric.
     """
     file = io.StringIO()
@@ -291,8 +291,8 @@ def _picture(comparison: Comparison) -> "Figure":
 
 
 def _part_tables(comparison: Comparison) -> Iterator[tuple[str, list[str], list[list[str]]]]:
-    # Tables with the scores of all models on the test samples of each set, session, group or unit
-    # of the splits, for units of which there are 2 to 50.
+    # Tables with the scores of all models on the test samples of each set, session, group or split
+    # unit. A table is written only if there are 2 to 50 of them.
     dataset, metric = comparison.run.plan.data.load(), comparison.metric
     ordered = sorted(comparison.results, key=comparison.goodness, reverse=True)
     run_predictions: dict[str, list[Predictions]] = {result.model.name: [] for result in ordered}
@@ -332,14 +332,15 @@ def _unit_columns(comparison: Comparison) -> list[str]:
 
 
 def _first_rows(predictions: Predictions | None) -> np.ndarray | None:
-    # The row of the first prediction of each sample: with several seeds, a sample has several.
+    # The row of the first prediction of each sample: with several seeds, a sample has several
+    # predictions.
     if predictions is None or predictions.index is None:
         return None
     return np.unique(predictions.index, return_index=True)[1]
 
 
 def prediction_rows(comparison: Comparison) -> Iterator[list[Any]]:
-    r"""Yields the header, then the rows, of a table with a row for each model, split and test
+    r"""Yields the header and then the rows of a table that has a row for each model, split and test
     sample.
     """
     dataset = comparison.run.plan.data.load()
@@ -364,7 +365,7 @@ def prediction_rows(comparison: Comparison) -> Iterator[list[Any]]:
 
 
 def _sample_names(dataset: SampleSet, column_name: str, index: np.ndarray | None) -> np.ndarray:
-    # `index` counts all samples of the data set, also those that are not selected.
+    # `index` counts all samples of the data set, including samples that are not selected.
     column = column_of(dataset, column_name)
     if column is None or index is None:
         return np.array([])

@@ -43,16 +43,16 @@ _FINGERS = ("index finger", "middle finger", "thumb")
 _CAPTION = (
     "Mean ± standard deviation over the splits; for the official test, over the seeds. The first "
     "three columns are splits of the training set that hold out random grasps, objects, or one of "
-    "the three recording sessions (palm poses). The official test has other objects in other "
+    "the three recording sessions (palm poses). The official test has new objects in new "
     "sessions. "
     "Common mode: the mean over each finger's electrodes is subtracted from every reading. "
-    "Settings were chosen on a part of each training part; networks were trained for {epochs} "
-    "epochs. The row in bold is the model that is recommended on the official test."
+    "Settings were selected on a part of the training samples; networks were trained for {epochs} "
+    "epochs. The bold row is the model that is recommended on the official test."
 )
 
 
 def demo_rows(comparisons: DemoComparisons) -> tuple[list[str], list[list[str]]]:
-    r"""Returns the header and the rows of the table: accuracies in percent, a row for each
+    r"""Returns the header and the rows of the table of accuracies in percent, with a row for each
     preparation and model. The row of the recommended model, if there is one, begins with :obj:`*`.
     """
     columns = list(next(iter(comparisons.values())))
@@ -88,19 +88,19 @@ def demo_conclusion(comparisons: DemoComparisons) -> str:
     data = comparisons[COMMON_MODE][OFFICIAL_TEST].run.plan.data
     is_generated = data.kind == "generated"
     texts = [
-        "The data is generated: the numbers show only that everything runs."
+        "The data is generated: the numbers only show that everything runs."
         if is_generated
         else "",
         "A robot hand holds an object between three sensor fingertips; from one reading, a model "
         "predicts whether the object will slip.",
         f"On raw readings, {name} is correct for {percent(RAW, RANDOM_GRASPS)} of random grasps of "
-        f"known objects in known sessions, and for {percent(RAW, OFFICIAL_TEST)} of the official "
-        "test, where objects and sessions are new.",
+        f"known objects in known sessions, and for {percent(RAW, OFFICIAL_TEST)} of the grasps in "
+        "the official test, where objects and sessions are new.",
         "" if is_generated else "Between sessions, all readings of a finger shift together.",
-        "With the mean of each finger subtracted and the index finger left out, it is correct for "
-        f"{percent(COMMON_MODE, OFFICIAL_TEST)} of the official test; always giving the more "
-        f"frequent answer is correct for {percent(COMMON_MODE, OFFICIAL_TEST, FLOOR)}.",
-        "A score is valid only for the conditions of its test part: hold out the objects or "
+        f"With the mean of each finger subtracted and the index finger left out, {name} is correct "
+        f"for {percent(COMMON_MODE, OFFICIAL_TEST)} of the official test; always predicting the "
+        f"more frequent class is correct for {percent(COMMON_MODE, OFFICIAL_TEST, FLOOR)}.",
+        "A score holds only for the conditions of its test part: hold out the objects or "
         "sessions that will be new on your robot.",
     ]
     return " ".join(filter(None, texts))
@@ -175,7 +175,7 @@ def _facts(comparisons: DemoComparisons) -> list[tuple[str, str]]:
             for held_out, comparison in comparisons[COMMON_MODE].items()
         ),
         ("Machine", results[0]["machine"]),
-        ("Time", f"{seconds:.0f} s in all runs"),
+        ("Time", f"{seconds:.0f} s for all runs"),
     ]
 
 
@@ -200,8 +200,8 @@ def _pictures(comparisons: DemoComparisons, out: Path) -> list[ReportPicture]:
         "protocols": (
             plot_protocols(_accuracies(comparisons), chance=0.5),
             "Accuracy by held-out part",
-            "Means over the splits (official test: over the seeds) in %; bars are standard "
-            "deviations, the dashed line is 50 %.",
+            "Means in % over the splits (official test: over the seeds). Bars show standard "
+            "deviations; the dashed line is at 50 %.",
         ),
         "grasps": (
             plot_grasps(
@@ -211,9 +211,9 @@ def _pictures(comparisons: DemoComparisons, out: Path) -> list[ReportPicture]:
                 edge_index=layout_sectors(train.layout).edge_index,
             ),
             "Electrodes of the three fingers",
-            f"A stable and a slipping grasp of one object in one session ({source}), each nearest "
-            "to the mean of its outcome. The common mode of each finger is subtracted, and all "
-            "electrodes have one scale. Lines are the edges of TaxelNet.",
+            f"A stable and a slipping grasp of one object in one session ({source}). Each is the "
+            "grasp nearest to the mean of its outcome. The common mode of each finger is "
+            "subtracted, and all electrodes share one scale. Lines are the edges of TaxelNet.",
         ),
         "confusion": (
             plot_confusion(
@@ -222,7 +222,7 @@ def _pictures(comparisons: DemoComparisons, out: Path) -> list[ReportPicture]:
                 f"Official test, {name}, seed 0, {COMMON_MODE}",
             ),
             "Confusion matrix",
-            "Rows are true outcomes, columns are predictions.",
+            "Rows are true outcomes; columns are predictions.",
         ),
     }
     pictures = []
@@ -258,8 +258,8 @@ def _confusion(comparison: Comparison, model: str) -> list[list[int]]:
 
 
 def _example_grasps(dataset: StaticDataset) -> tuple[dict[str, Tensor], str]:
-    r"""Returns a stable and a slipping grasp of one object in one session, and their names. They
-    are the object and session with the most grasps of both outcomes.
+    r"""Returns a stable and a slipping grasp of one object in one session, and the names of the
+    object and session. These have the most grasps of both outcomes.
     """
     # Scaled by channel, so that the electrodes of a picture keep their proportions.
     data = fit_transform(Compose([CommonMode(), ZScore(per="channel")]), dataset)

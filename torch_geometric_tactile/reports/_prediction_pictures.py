@@ -18,9 +18,10 @@ MAX_PICTURES = 20  # limits the time of drawing; further recordings are only cou
 
 
 class PredictionPictures:
-    r"""The pictures of the first :obj:`MAX_PICTURES` recordings, drawn once their table is written.
+    r"""The pictures of the first :obj:`MAX_PICTURES` recordings.
 
-    The readings are not stored, so that the memory does not grow with them.
+    The pictures are drawn after the table is written. The readings are not stored, so that memory
+    use does not grow.
     """
 
     def __init__(self, table: PathLike) -> None:
@@ -54,8 +55,8 @@ class PredictionPictures:
         self._trials.append((name, trial))
 
     def write(self) -> list[Path]:
-        r"""Draws the pictures and returns their paths. They are named after the table, and after
-        the recording if there are several.
+        r"""Draws the pictures and returns their paths. Pictures are named after the table and, if
+        there are several recordings, after the recording.
         """
         paths: list[Path] = []
         for name, trial in self._trials:

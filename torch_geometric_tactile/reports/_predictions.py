@@ -27,7 +27,7 @@ from torch_geometric_tactile.visualization._truth import Truth
 
 _BATCH_SIZE = 256
 
-# The first cells of a row, its probabilities, and whether it lacks contact (None without a rule).
+# The first cells of a row, its probabilities, and whether it has no contact (None without a rule).
 _Rows = Iterator[tuple[list[Any], Tensor, Tensor | None]]
 
 
@@ -42,16 +42,16 @@ def write_recordings(
     resample: bool = False,
 ) -> Counter[str]:
     r"""Writes a row for each frame of all recordings: file, frame, time, prediction and
-    probabilities. For a model of windows, a row stands for a window and names its last frame. The
-    true class is a further column, if the name of a file or the first recording has it.
+    probabilities. For a model that reads windows, a row is a window and names its last frame. The
+    true class is a further column if the name of a file or the first recording contains it.
 
-    The predictions are also added to the pictures. With :obj:`resample`, recordings with another
-    rate than that of the training are resampled.
+    The predictions are also added to the pictures. With :obj:`resample`, recordings are resampled
+    to the frame rate of the training data.
 
     Raises:
-        UnpredictedRecordingsError: If there are several recordings and some cannot be predicted,
-            after the table of the others was written. There is no table if no recording has
-            predictions.
+        UnpredictedRecordingsError: If there are several recordings and some cannot be predicted.
+            The error is raised after the table of the others is written. There is no table if no
+            recording has predictions.
         ValueError: If the only recording cannot be predicted.
     """
     problems: list[OSError | ValueError] = []
@@ -108,12 +108,13 @@ def write_recordings(
 
 
 class UnpredictedRecordingsError(GroupedError):
-    r"""Raised if some recordings cannot be predicted, once the table of the others is written.
+    r"""An error that lists the recordings that cannot be predicted. It is raised after the table of
+    the other recordings is written.
 
     Args:
-        errors (sequence of Exception): The error of each of them, with the name of its file.
+        errors (sequence of Exception): One error for each recording, with the name of its file.
         num_recordings (int): Number of all recordings.
-        count (Counter): The rows of the table by prediction; empty if there is no table.
+        count (Counter): Number of rows of the table by prediction; empty if there is no table.
     """
 
     def __init__(
@@ -126,7 +127,7 @@ class UnpredictedRecordingsError(GroupedError):
 
 
 class _PredictedRecording(NamedTuple):
-    # A recording that was predicted, and the last frame of each row of probabilities.
+    # A predicted recording, and the last frame of each row of probabilities.
     path: PathLike
     recording: Recording
     frames: Sequence[int]
@@ -179,7 +180,7 @@ def _predict_recording(
 def open_recording(
     predictor: Predictor, path: PathLike, options: Mapping[str, Any] | None = None
 ) -> Recording:
-    r"""Reads a recording with the given options, and with the options of the training that its file
+    r"""Reads a recording with :obj:`options`, and with the options used in training that its file
     format supports.
     """
     explicit = options or {}
@@ -213,7 +214,7 @@ def _hint(error: str, path: PathLike, rest: float | None = None) -> str:
 
 
 def write_samples(predictor: Predictor, samples: StaticDataset, out: PathLike) -> Counter[str]:
-    r"""Writes a row for each sample of a data set: index, prediction and probabilities."""
+    r"""Writes one row per sample of a data set: index, prediction and probabilities."""
 
     def rows() -> _Rows:
         number = itertools.count()
@@ -262,8 +263,8 @@ def _write_rows(
 
 
 def cell_text(text: str) -> str:
-    r"""Returns a name as a safe cell of a CSV file. A class may be called -1, which is not escaped,
-    and the name of a file may contain bytes that are not text.
+    r"""Returns a name as a safe cell of a CSV file. The name of a class such as -1 is not escaped;
+    the name of a file may contain bytes that are not text.
     """
     text = text.encode("utf-8", "backslashreplace").decode()
     return text if re.fullmatch(r"[+-]?[0-9.]+", text) else text_to_cell(text)

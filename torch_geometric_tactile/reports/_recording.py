@@ -92,7 +92,7 @@ def describe_recording(recording: Recording) -> str:
 
 
 def format_rows(rows: Sequence[tuple[str, Sequence[str]]]) -> str:
-    r"""Returns the lines of rows after their names.
+    r"""Returns rows as aligned lines of text, each after the name of its row.
 
     Examples:
         >>> print(format_rows([("label", ["cup"]), ("extra", [])]))
@@ -132,7 +132,7 @@ def draw_recording(recording: Recording, path: PathLike) -> None:
 
 
 def format_range(values: np.ndarray, unit: str = "") -> str:
-    r"""Returns the range of numbers, without missing ones, with their unit.
+    r"""Returns the range of numbers with their unit. Missing numbers are ignored.
 
     Examples:
         >>> format_range(np.array([0.5, np.nan, 2.0]), "newtons")
@@ -172,8 +172,8 @@ def _action_lines(recording: Recording) -> list[str]:
 
 
 def gap_spans(recording: Recording) -> list[tuple[float, float]]:
-    r"""Returns the start and the end in seconds of each gap between frames, and of gaps at the end,
-    which only the annotations of a recorder show.
+    r"""Returns the start and the end, in seconds, of each gap between frames, and of gaps at the
+    end, which only the annotations written by a recorder show.
     """
     spans = [(float(start), float(end)) for start, end in recording.gaps]
     spans += [

@@ -55,9 +55,9 @@ class RecordingFacts:
         num_joints (int): Number of joint angles.
         unit (str, optional): Unit of the readings.
         range (tuple of float, optional): Smallest and largest reading.
-        num_missing (int): Number of readings of a taxel in a frame that are missing.
-        groups (dict): Label, object, named groups of the file name and columns of
-            ``labels.csv``: the values of each. A column of labels may have several.
+        num_missing (int): Number of missing readings of a taxel in a frame.
+        groups (dict): Values by name: the label, the object, the named groups of the file name
+            and the columns of ``labels.csv``. A label column may have several values.
         annotations (tuple of str): Labels of the annotations.
         faults (TaxelFaults): Taxels that do not measure.
     """
@@ -82,12 +82,12 @@ class RecordingFacts:
 
 @dataclass(frozen=True)
 class FolderFacts:
-    r"""The facts of the recordings in a folder, and the message of each file that cannot be read.
+    r"""The facts of the recordings in a folder, and an error message for each unreadable file.
 
     Args:
         folder (str): The folder.
         recordings (list of RecordingFacts): The recordings in the order of their names.
-        unreadable (dict): Messages by the path of the file, relative to the folder.
+        unreadable (dict): Error messages by the path of the file, relative to the folder.
     """
 
     folder: str
@@ -106,13 +106,13 @@ def read_folder(
 
     As in :class:`~torch_geometric_tactile.datasets.RecordingFrames`, the recordings are in
     :obj:`folder/raw` or :obj:`folder`, with ``annotations.csv`` and ``labels.csv`` beside them.
-    The recordings of a LeRobot data set are its episodes.
+    In a LeRobot data set, each episode is a recording.
 
     Args:
         folder (str or PathLike): The folder.
-        pattern (str, optional): Regular expression for the full names of the files without suffix,
-            whose named groups are listed. If it contains a :obj:`"/"`, files in subfolders are read
-            as well. Defaults to that of the data sets, ``<object>_<trial>``.
+        pattern (str, optional): Regular expression that matches whole file names without suffix.
+            Its named groups are listed. If it contains a :obj:`"/"`, files in subfolders are read
+            as well. Defaults to the pattern of the data sets, ``<object>_<trial>``.
         error_to_text (callable): Converts the error of an unreadable file to text.
         **options: Options of :func:`~torch_geometric_tactile.io.read_recording`, or of
             :func:`~torch_geometric_tactile.io.read_lerobot`.
@@ -132,7 +132,7 @@ def read_folder(
         message = f"'{folder}' must hold recordings with one of {', '.join(RECORDING_SUFFIXES)}"
         if not list_recordings(source, recursive=True):
             raise ValueError(f"{message} (got none)")
-        advice = (": for those in subfolders, give a ", Argument("pattern"), " with a '/'")
+        advice = (": to search subfolders, give a ", Argument("pattern"), " with a '/'")
         raise ArgumentError(f"{message} (got none)", *advice)
     facts = FolderFacts(str(folder))
     tables = []
@@ -209,7 +209,7 @@ def _recording_facts(
 def _groups(
     recording: Recording, labelled: Recording, match: re.Match[str] | None
 ) -> dict[str, list[Any]]:
-    # The label, object and further groups, also from the tables beside the recording.
+    # The label, the object and further groups, including values from tables beside the recording.
     named = {} if match is None else {k: v for k, v in match.groupdict().items() if v is not None}
     values = {**named, **labelled.meta}
     columns = [key for key in labelled.meta if key not in recording.meta]
@@ -293,7 +293,7 @@ def _count_values(values: Iterable[Any]) -> str:
 
 
 def _rate_lines(recordings: Sequence[RecordingFacts]) -> list[str]:
-    # Rates within the tolerance of data sets count as one.
+    # Rates that differ by less than the tolerance of the data sets count as one.
     rates = sorted((r.rate, r.file) for r in recordings if r.rate is not None)
     names: dict[str, str] = {r.file: "unknown" for r in recordings}
     while rates:
@@ -308,8 +308,8 @@ def _rate_lines(recordings: Sequence[RecordingFacts]) -> list[str]:
 def _lines_by_file(
     recordings: Sequence[RecordingFacts], describe: Callable[[RecordingFacts], str]
 ) -> list[str]:
-    # One line if all files are alike, or a line for each text. The files of the most frequent one
-    # are not named.
+    # One line if all files have the same text, else a line for each text. The files with the most
+    # frequent text are not named.
     files_of_text: dict[str, list[str]] = {}
     for recording in recordings:
         files_of_text.setdefault(describe(recording), []).append(recording.file)
@@ -323,7 +323,7 @@ def _lines_by_file(
 
 
 def _fault_lines(faults_of_file: Mapping[str, Sequence[Any]]) -> list[str]:
-    # Taxels with the faults in the same files share a line.
+    # Taxels that are faulty in the same files share a line.
     files_of_taxel: dict[Any, list[str]] = {}
     for file, faults in faults_of_file.items():
         for taxel in faults:

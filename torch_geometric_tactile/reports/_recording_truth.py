@@ -17,11 +17,11 @@ _FILE_NAME = FileNameForm("{object}_{trial}", "object")  # the usual form, if no
 def recording_truth(
     predictor: Predictor, path: PathLike, recording: Recording, names: Sequence[str]
 ) -> Truth | None:
-    r"""Returns the true classes or numbers of the frames of a recording; :obj:`None` if they are
+    r"""Returns the true classes or numbers of the frames of a recording, or :obj:`None` if they are
     unknown.
 
     Args:
-        predictor (Predictor): The predictor, which knows the form of file names in its training.
+        predictor (Predictor): The predictor, which stores the form of the file names in training.
         path (str or PathLike): The file of the recording.
         recording (Recording): The recording.
         names (sequence of str): Names of the outputs of the model.
@@ -32,7 +32,7 @@ def recording_truth(
 
 
 def class_in_name(predictor: Predictor, path: PathLike, names: Sequence[str]) -> str | None:
-    r"""Returns the class in the name of a file; :obj:`None` if there is none."""
+    r"""Returns the class in the name of a file, or :obj:`None` if the name contains no class."""
     if predictor.task != "multiclass":
         return None
     form = predictor.preparation.file_names or _FILE_NAME

@@ -1,4 +1,4 @@
-r"""Loading of the predictor of a run, and of the test part of its data."""
+r"""Loads the predictor of a run and the test part of its data."""
 
 import copy
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from torch_geometric_tactile.predictor._classes import transform_classes
 from torch_geometric_tactile.predictor._content import is_checkpoint
 from torch_geometric_tactile.transforms import fit_parts
 
-# A configuration can run code by naming classes, so only a file that the user passes may do so.
+# A configuration can run code by naming classes, so only a file passed by the user may name them.
 _CONFIG_OPTION = "'--config FILE', which may name any class"
 
 
@@ -22,8 +22,9 @@ def open_predictor(path: PathLike, config: str | None = None) -> Predictor:
     r"""Reads a predictor from its file, from a checkpoint of ``tactile fit``, or by the name of a
     predictor of the package.
 
-    The user's own models and transforms are built only from the configuration :obj:`config`, never
-    from the file in the folder of the checkpoint, which may come from somebody else.
+    The user's own models and transforms are built only from the configuration :obj:`config`. They
+    are never built from the configuration in the folder of the checkpoint, which may come from
+    somebody else.
     """
     path = predictor_path(path)
     read = Predictor.from_checkpoint if is_checkpoint(path) else Predictor.load
@@ -43,12 +44,12 @@ def open_predictor(path: PathLike, config: str | None = None) -> Predictor:
 
 
 def load_data(path: PathLike, config: str | None = None, root: PathLike | None = None) -> Any:
-    r"""Returns the data of a run as a :class:`~torch_geometric_tactile.training.TactileDataModule`
-    that is set up, with the transforms of its data sets only.
+    r"""Returns the data of a run as a :class:`~torch_geometric_tactile.training.TactileDataModule`.
+    The data module is set up, and has only the transforms of its data sets.
 
     The configuration :obj:`config` may name any class. The configuration in the folder of a
-    checkpoint may come from somebody else, so it may only describe data sets, transforms and splits
-    of this package, with folders in the working directory.
+    checkpoint may come from somebody else. It may therefore only describe data sets, transforms
+    and splits of this package, with folders in the working directory.
     """
     run_config = Path(path).absolute().parent.parent / "config.yaml"
     if config is None and not run_config.is_file():
@@ -71,12 +72,12 @@ def load_data(path: PathLike, config: str | None = None, root: PathLike | None =
 
 
 def test_part(data: Any, predictor: Predictor) -> StaticDataset:
-    r"""Returns the samples of the test part without transforms, and fits the transforms of the
-    predictor on recording sessions that the training part does not have.
+    r"""Returns the samples of the test part without transforms. Fits the transforms of the
+    predictor on recording sessions that are missing from the training part.
     """
     if not predictor.layout.matches(data.layout):
         raise ValueError(
-            f"the predictor must have layout '{data.layout.name}', as the data "
+            f"the predictor must have layout '{data.layout.name}', like the data "
             f"(got '{predictor.layout.name}')"
         )
     part = copy.copy(data.test_dataloader().dataset)
@@ -105,7 +106,7 @@ def _parts_from_config(config: str, argument: str) -> Any:
     if not isinstance(settings.get("model"), Mapping):
         raise ValueError(f"configuration '{config}' must hold 'model' (got none)")
     add_working_directory()
-    # Sizes that the configuration leaves out are taken from its data.
+    # Sizes that are missing from the configuration follow from its data.
     has_data = isinstance(settings.get("data"), Mapping)
     data = _data_from_config(settings["data"]) if has_data else None
     return classifier_from_config(settings["model"], data).model

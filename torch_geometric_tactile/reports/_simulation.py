@@ -1,4 +1,4 @@
-r"""Runs of simulations with a progress bar, their summaries and their pictures."""
+r"""Runs simulations with a progress bar, and summarises and draws the results."""
 
 import time
 from abc import ABC, abstractmethod
@@ -63,7 +63,9 @@ class FinishedRun(ABC, Generic[_Report]):
 
 @dataclass(frozen=True)
 class SimulatedRun(FinishedRun[TrialReport]):
-    r"""Trials of the Allegro hand, and the names of their objects in the order of the set."""
+    r"""Trials of the Allegro hand, and the names of their objects in the order of the object
+    set.
+    """
 
     object_names: list[str]
 
@@ -82,7 +84,7 @@ class SimulatedRun(FinishedRun[TrialReport]):
         )
 
     def describe_failures(self) -> str:
-        r"""Returns a list of the failed trials in one line."""
+        r"""Returns one line that lists the failed trials."""
         names = sorted(f"{report.object_name} {report.trial}" for report in self.failures)
         attempts = self.failures[0].attempts
         return f"{len(names)} trials failed after {attempts} attempts each: {', '.join(names)}"
@@ -122,8 +124,8 @@ class BigsRun(FinishedRun[BigsReport]):
         )
 
     def draw_preview(self) -> list[Path]:
-        r"""Draws the first stable grasp and a grasp that lost its object. The latter is preferably
-        lost in the shake, and of the same object.
+        r"""Draws the first stable grasp and a grasp that lost its object. The second grasp is
+        preferably of the same object and lost during the shake.
         """
         path = self.out / "preview" / "preview_grasps.png"
         ordered = sorted(self.reports, key=lambda report: report.trial)
@@ -141,7 +143,7 @@ class BigsRun(FinishedRun[BigsReport]):
 
 @dataclass(frozen=True)
 class LettersRun(FinishedRun[LetterReport]):
-    r"""Presses of letters, and the layout; :obj:`None` for that of the letter array."""
+    r"""Presses of letters, and the layout (:obj:`None`: the letter array)."""
 
     layout: TaxelLayout | None = None
 
@@ -152,13 +154,13 @@ class LettersRun(FinishedRun[LetterReport]):
         return f"{num_presses} presses ({num_reused} from an earlier run) of {num_letters} letters"
 
     def draw_preview(self) -> list[Path]:
-        r"""Draws the first press of each letter. The picture is not in a subfolder, since the data
-        set takes each folder as a letter.
+        r"""Draws the first press of each letter. The picture is not in a subfolder, because the
+        data set reads every subfolder as a letter.
         """
         path = self.out / "preview_letters.png"
         first_files = {report.letter: report.path for report in self.reports if report.first == 0}
         presses = np.stack([np.load(first_files[letter], mmap_mode="r")[0] for letter in LETTERS])
-        title = "Simulated presses of letters: the first of each"
+        title = "Simulated letters: the first press of each"
         save_figure(plot_presses(presses, LETTERS, self.layout, label="kPa", title=title), path)
         return [path]
 

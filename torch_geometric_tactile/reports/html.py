@@ -79,14 +79,14 @@ def write_report(
         tables (sequence of ReportTable): The tables.
         pictures (sequence of ReportPicture): The pictures, shown below the tables.
         verdict (str): Conclusion, shown below the title; may be empty.
-        is_warning (bool): If :obj:`True`, :obj:`notice` is shown as a warning in the first line,
-            for example that the data is generated. Otherwise it follows the verdict.
+        is_warning (bool): If :obj:`True`, :obj:`notice` is a warning and is shown first, for
+            example that the data is generated. Otherwise it follows the verdict.
 
     Raises:
         ImportError: If jinja2 is missing.
         FileNotFoundError: If a picture does not exist.
-        ValueError: If :obj:`notice` is empty, the length of a row differs from that of its
-            header, or a picture is not a PNG file.
+        ValueError: If :obj:`notice` is empty, if a row and its header differ in length, or if a
+            picture is not a PNG file.
 
     Examples:
         >>> from tempfile import TemporaryDirectory
@@ -128,7 +128,7 @@ def _table_context(table: ReportTable) -> dict[str, Any]:
     for row in table.rows:
         if len(row) != len(table.header) or not row:
             raise ValueError(
-                f"'rows' of table '{table.title}' must have {len(table.header)} cells, as its "
+                f"'rows' of table '{table.title}' must have {len(table.header)} cells, like its "
                 f"header (got {len(row)})"
             )
     is_numeric = [
@@ -145,7 +145,7 @@ def _table_context(table: ReportTable) -> dict[str, Any]:
 def _picture_context(picture: ReportPicture) -> dict[str, Any]:
     path = Path(picture.path)
     if not path.is_file():
-        raise FileNotFoundError(f"there is no picture '{path}': write it with 'save_figure' first")
+        raise FileNotFoundError(f"'{path}' does not exist: write the picture with 'save_figure'")
     content = path.read_bytes()
     if not content.startswith(_PNG) or len(content) < 24:
         raise ValueError(f"'path' of a picture must be a PNG file (got '{path}')")

@@ -19,7 +19,7 @@ def check_edges(edge_index: Any, num_taxels: int, what: str = "'edge_index'") ->
         - **output:** directed edges :math:`(2, |\mathcal{E}|)`
 
     Raises:
-        ValueError: If the edges have another shape, are not integers, or join taxels that do not
+        ValueError: If the edges have the wrong shape, are not integers, or join taxels that do not
             exist.
 
     Examples:

@@ -41,7 +41,7 @@ class DescriptorTables(NamedTuple):
         - **around:** neighbours in eight directions, then the taxel itself :math:`(N, 9)`
         - **slope:** their weights in the two slopes of a taxel :math:`(N, 2, 9)`
         - **cells:** weight of each taxel in the mean of each cell :math:`(N, 1 + K_1 + K_2)`
-        - **bounds:** the columns of :obj:`cells` at which a level begins, and their number
+        - **bounds:** the first column of each level in :obj:`cells`, then the number of columns
     """
 
     pos: Tensor
@@ -107,7 +107,7 @@ def compute_descriptors(x: Tensor, tables: DescriptorTables, pos: Tensor | None 
 def _fill_missing(x: Tensor, nearest: Tensor, weight: Tensor) -> Tensor:
     # Replaces NaN by the mean of the neighbours, or of all taxels if they are missing as well.
     missing = x.isnan()
-    # An exported graph must not depend on values; otherwise complete readings are left as they are.
+    # An exported graph must not depend on values; otherwise complete readings are unchanged.
     if not torch.compiler.is_compiling() and not missing.any():
         return x
     present = torch.where(missing, 0.0, 1.0).to(x.dtype)
@@ -206,8 +206,8 @@ def _slope_histograms(x: Tensor, tables: DescriptorTables) -> Tensor:
 
 
 def pos_to_extents(pos: Tensor, layout_pos: Tensor | None = None) -> Tensor:
-    r"""Returns positions relative to the centre of a layout, in units in which its longest side is
-    two.
+    r"""Returns positions relative to the centre of a layout, scaled so that the longest side of the
+    layout is two.
     """
     layout_pos = pos if layout_pos is None else layout_pos
     low, high = layout_pos.amin(dim=0), layout_pos.amax(dim=0)

@@ -1,4 +1,4 @@
-r"""Conversion of plain data, the content of a JSON file, to the arguments of a layout."""
+r"""Conversion of plain data (the content of a JSON file) to the arguments of a layout."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -73,7 +73,7 @@ def _adjacency(pairs_by_name: Any, num_taxels: int) -> dict[str, Tensor]:
         subject = f"adjacency '{name}'"
         is_list = isinstance(pairs, list | tuple)
         if not is_list or not all(are_integers(pair, 2) for pair in pairs):
-            raise ValueError(f"{subject} must be a list of pairs of taxels, whole numbers")
+            raise ValueError(f"{subject} must be a list of pairs of taxel indices")
         outside = next(
             (pair for pair in pairs if not 0 <= min(pair) <= max(pair) < num_taxels), None
         )
@@ -113,7 +113,7 @@ def _checked_taxels(taxels: Any) -> list[Mapping[str, Any]]:
     if not isinstance(taxels, list | tuple):
         raise ValueError(f"'taxels' must be a list (got {type(taxels).__name__})")
     need(taxels, "'taxels' must hold at least one taxel (got none)")
-    need(len(taxels) <= MAX_TAXELS, f"'taxels' must be {MAX_TAXELS} at most", len(taxels))
+    need(len(taxels) <= MAX_TAXELS, f"'taxels' must hold at most {MAX_TAXELS} taxels", len(taxels))
     dims = set()
     for i, taxel in enumerate(taxels):
         pos = taxel.get("pos") if isinstance(taxel, Mapping) else taxel
@@ -128,7 +128,7 @@ def _checked_taxels(taxels: Any) -> list[Mapping[str, Any]]:
                     f"'{key}' of taxel {i} must be {requirement} (got {short_repr(taxel[key])})"
                 )
         dims.add(len(taxel["pos"]))
-    need(len(dims) <= 1, "'pos' must have as many numbers at every taxel (got two and three)")
+    need(len(dims) <= 1, "'pos' must have the same length for all taxels (got 2 and 3)")
     return list(taxels)
 
 

@@ -14,8 +14,8 @@ _MAX_JOINTS = 1000
 
 
 class LinkTree(NamedTuple):
-    r"""The links of a hand, the root first, and the joints by level: the parents of a level's links
-    are links of the level before.
+    r"""The links of a hand, with the root first, and its joints by level. The parents of the links
+    of a level are in the previous level.
     """
 
     names: tuple[str, ...]
@@ -27,9 +27,9 @@ def link_tree(joints: Sequence[Joint]) -> LinkTree:
 
     Raises:
         ValueError: If there are too many joints, two have the same name, a link has two parents, or
-            the links are not one tree.
+            the links do not form one tree.
     """
-    need(len(joints) <= _MAX_JOINTS, f"'joints' must be {_MAX_JOINTS} at most", len(joints))
+    need(len(joints) <= _MAX_JOINTS, f"'joints' must hold at most {_MAX_JOINTS}", len(joints))
     if len({joint.name for joint in joints}) < len(joints):
         raise ValueError("'joints' must have different names (got one twice)")
     by_child: dict[str, Joint] = {}
@@ -41,7 +41,7 @@ def link_tree(joints: Sequence[Joint]) -> LinkTree:
             )
         by_child[joint.child] = joint
     roots = list(dict.fromkeys(j.parent for j in joints if j.parent not in by_child))
-    need(len(roots) == 1, f"the links must be one tree, with one root (got roots {roots})")
+    need(len(roots) == 1, f"the links must form one tree with one root (got roots {roots})")
     names, levels = [roots[0]], []
     level = names
     while level:
@@ -53,13 +53,15 @@ def link_tree(joints: Sequence[Joint]) -> LinkTree:
             names = names + level
     if len(names) != len(joints) + 1:
         unreachable = sorted(set(by_child) - set(names))
-        raise ValueError(f"the links must be one tree, with one root (got a ring of {unreachable})")
+        raise ValueError(
+            f"the links must form one tree with one root (got a ring of {unreachable})"
+        )
     return LinkTree(tuple(names), levels)
 
 
 class Level(NamedTuple):
-    r"""The :math:`K` links whose parents are in the level before, so that one product computes all
-    their poses.
+    r"""One level of :math:`K` links, whose parents are all in the previous level. One matrix
+    product computes all poses of a level.
 
     Shapes:
         - **parent:** index of the parent link :math:`(K,)`
@@ -202,8 +204,8 @@ def pose_small_batch(
 ) -> tuple[Tensor, Tensor | None]:
     r"""Returns the positions and normals :math:`(T, N, 3)` of a small batch of frames.
 
-    Homogeneous matrices of each taxel are more arithmetic than :func:`pose_tables`, but fewer
-    operations. Their number determines the latency of a live frame.
+    A homogeneous matrix for each taxel takes more arithmetic than :func:`pose_tables`, but fewer
+    operations, and the number of operations determines the latency of a live frame.
 
     Shapes:
         - **joint:** Joint angles in radians :math:`(T, J)`.
@@ -234,7 +236,7 @@ def link_tables(
     link_index: Mapping[str, int], layout: TaxelLayout, like: Tensor
 ) -> tuple[list[LinkTable], Tensor | None]:
     r"""Returns the constants of each link for :func:`pose_tables`, and the permutation that brings
-    its output into the order of the taxels, or :obj:`None` if it is in that order.
+    its output into the order of the taxels, or :obj:`None` if no permutation is needed.
     """
     assert layout.link is not None
     with torch.inference_mode(False):  # Gradients cannot pass through inference tensors.
@@ -249,7 +251,7 @@ def link_tables(
 
 
 def _link_table(layout: TaxelLayout, taxels: Tensor, like: Tensor) -> tuple[Tensor, Tensor | None]:
-    # Positions (12, 3 N) and normals (9, 3 N) are linear in the link's pose, so that one matrix
+    # Positions (12, 3 N) and normals (9, 3 N) are linear in the pose of the link, so one matrix
     # product computes them for all frames.
     eye = torch.eye(3).to(like)
 
@@ -268,8 +270,8 @@ def pose_tables(
     with_normal: bool,
     chunk: int,
 ) -> list[Tensor]:
-    r"""Returns the positions, and with :obj:`with_normal` the normals, of many frames
-    :math:`(T, 3 N)`. Taxels are in the order of the tables.
+    r"""Returns the positions of the taxels in many frames, and with :obj:`with_normal` their
+    normals, each :math:`(T, 3 N)`. Taxels are in the order of the tables.
 
     Shapes:
         - **joint:** Joint angles in radians :math:`(T, J)`.
@@ -291,7 +293,7 @@ def pose_tables(
 def _by_link(
     levels: Sequence[Level], tables: Sequence[LinkTable], joint: Tensor, with_normal: bool
 ) -> list[list[Tensor]]:
-    # The positions, and the normals if there are any, as one block of columns for each link.
+    # The positions, and the normals if required, as one block of columns for each link.
     rotation, translation = pose_links(levels, joint)
     pos, normal = [], []
     for link, pos_table, normal_table in tables:

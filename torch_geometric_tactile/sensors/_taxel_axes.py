@@ -10,7 +10,7 @@ _PARALLEL_SINE = 1e-3  # sine of the angle below which directions are parallel
 
 
 def taxel_axes(pos: Tensor, link: Tensor, normal: Tensor | None, tangent: Tensor | None) -> Tensor:
-    r"""Returns the axes of each taxel of a layout, see :meth:`TaxelLayout.axes`.
+    r"""Returns the axes of each taxel of a layout (see :meth:`TaxelLayout.axes`).
 
     Shapes:
         - **output:** the unit axes :math:`x`, :math:`y` and normal as rows, in double precision
@@ -67,9 +67,9 @@ def _link_normals(pos: Tensor) -> Tensor:
 
 
 def _outward_sign(normal: Tensor, offset: Tensor) -> Tensor:
-    # The sign that makes normals point away from the centre. If a normal is at right angles to the
-    # offset from the centre, it points upwards, and if it is horizontal as well, its largest
-    # component becomes positive.
+    # The sign that makes normals point away from the centre. A normal at right angles to the offset
+    # from the centre points upwards instead. If it is horizontal as well, its largest component
+    # becomes positive.
     projection = (normal * offset).sum(dim=1, keepdim=True)
     largest = normal.gather(1, normal.abs().argmax(dim=1, keepdim=True))
     up = torch.where(normal[:, 2:].abs() > _PARALLEL_SINE, normal[:, 2:], largest)

@@ -1,4 +1,4 @@
-r"""Clustering of neighbouring taxels to a coarser layout."""
+r"""Clustering of neighbouring taxels into a coarser layout."""
 
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
@@ -36,15 +36,15 @@ class TaxelClusters(NamedTuple):
 def taxel_clusters(
     layout: TaxelLayout, by: Literal["patch", "digit"] | float | Sequence[float]
 ) -> TaxelClusters:
-    r"""Clusters the taxels of each patch, digit or voxel.
+    r"""Groups the taxels of a layout into clusters: its patches, its digits or voxels.
 
-    Voxels begin at the corner of each patch. Their axes are the means of the axes of the patch's
-    taxels, or those of the link if the normals cancel out. A voxel never joins taxels of different
-    patches or links. Clusters are numbered by their first taxel.
+    Voxels begin at the corner of each patch. Their axes are the mean axes of the patch's taxels, or
+    the axes of the link if the normals cancel out. A voxel never joins taxels of different patches
+    or links. Clusters are numbered by their first taxel.
 
-    The position and normal of a cluster are the means of its taxels. Its link, patch and digit are
-    those of its first taxel. Positions of digits on several links are not meaningful, since each
-    link has a separate frame.
+    The position and normal of a cluster are the means over its taxels. Its link, patch and digit
+    are taken from its first taxel. The position of a digit that spans several links is not
+    meaningful, since each link has a separate frame.
 
     Args:
         layout (TaxelLayout): The layout.
@@ -132,7 +132,7 @@ def _cluster_layout(layout: TaxelLayout, cluster: Tensor) -> TaxelLayout:
 
     axes = layout.axes()
     normal, x = mean(axes[:, 2]), mean(axes[:, 0])
-    # Clusters whose axes cancel out have those of their first taxel.
+    # If the axes of a cluster cancel out, it takes the axes of its first taxel.
     cancels = normal.norm(dim=1) < _MIN_MEAN_LENGTH
     normal[cancels] = axes[first[cancels], 2].double()
     normal = normal / normal.norm(dim=1, keepdim=True)

@@ -10,8 +10,8 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors.joints import Joint
 
 _MOVING = ("revolute", "continuous")
-# The elements of a joint in URDF, with their attributes. Unknown ones are errors, since a misspelt
-# element would otherwise be ignored. None allows all attributes of an element that is not used.
+# The elements of a joint in URDF, with their attributes. Unknown elements are errors, since a
+# misspelt element would otherwise be ignored. None allows all attributes of an unused element.
 _JOINT_ELEMENTS = {
     "origin": ("xyz", "rpy"),
     "parent": ("link",),
@@ -27,9 +27,9 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 def read_urdf(path: Path, joint_names: Sequence[str] | None) -> tuple[list[Joint], str]:
-    r"""Returns the joints of a URDF file and the name of its robot.
+    r"""Returns the joints in a URDF file and the name of its robot.
 
-    The moving joints in :obj:`joint_names` come first, in that order. The other moving joints
+    The moving joints in :obj:`joint_names` come first, in that order. All other moving joints
     become fixed.
     """
     try:
@@ -41,13 +41,15 @@ def read_urdf(path: Path, joint_names: Sequence[str] | None) -> tuple[list[Joint
     links = [element.get("name") for element in root.findall("link")]
     connected = {link for joint in joints for link in (joint.parent, joint.child)}
     if isolated := [name for name in links if name not in connected]:
-        raise ValueError(f"each link must be connected by a joint (got '{isolated[0]}' alone)")
+        raise ValueError(
+            f"each link must be connected by a joint (got '{isolated[0]}' without one)"
+        )
     if joint_names is not None:
         moving = {joint.name: joint for joint in joints if joint.axis is not None}
         missing = [name for name in joint_names if name not in moving]
         if missing:
             raise ValueError(
-                f"'joint_names' must name its moving joints, {list(moving)} (got '{missing[0]}')"
+                f"'joint_names' must be among its moving joints {list(moving)} (got '{missing[0]}')"
             )
         if len(set(joint_names)) < len(joint_names):
             raise ValueError("'joint_names' must name each joint once (got one twice)")
@@ -109,7 +111,7 @@ def _check_elements(element: ElementTree.Element, name: str) -> None:
         attributes = _JOINT_ELEMENTS[child.tag]
         if attributes is not None and (unknown := set(child.keys()) - set(attributes)):
             raise ValueError(
-                f"'{child.tag}' of joint '{name}' must have no other attributes than "
+                f"'{child.tag}' of joint '{name}' must have only the attributes "
                 f"{', '.join(attributes)} (got {min(unknown)!r})"
             )
 

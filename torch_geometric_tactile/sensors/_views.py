@@ -45,10 +45,10 @@ def pads_side_by_side(layout: TaxelLayout) -> list[tuple[Tensor, Tensor, Tensor]
 def facing_axes(pos: Tensor, normal: Tensor | None) -> Tensor:
     r"""Returns the axes of a view of a pad: to the right, up and towards the viewer.
 
-    The mean normal points at the viewer. Without normals, or if they cancel out, the viewing
-    direction is that of the smallest extent. The two axes of the link's frame farthest from the
-    viewing direction point to the right and up, so that the view is never mirrored: :math:`x` and
-    :math:`y` seen from :math:`+z`, :math:`x` and :math:`z` seen from :math:`-y`.
+    The mean normal points at the viewer. Without normals, or if they cancel out, the view is along
+    the direction of the smallest extent. The two axes of the link's frame farthest from the
+    viewing direction point to the right and up, so the view is never mirrored: it shows :math:`x`
+    and :math:`y` from :math:`+z`, and :math:`x` and :math:`z` from :math:`-y`.
 
     Shapes:
         - **pos:** Positions of the taxels in metres :math:`(N, 3)`.

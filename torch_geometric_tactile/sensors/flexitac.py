@@ -5,10 +5,10 @@ from torch_geometric_tactile.sensors.stock import stock_layout
 
 
 def flexitac() -> TaxelLayout:
-    r"""The 12 x 32 taxels of a `FlexiTac <https://flexitac.github.io>`_ pad, row by row, with the
-    pitch of 2 mm of its maker's `simulation
-    <https://github.com/binghao-huang/FlexiTac-IsaacSim-Simulation>`_. Pads of other sizes are made;
-    for those, use :func:`grid`.
+    r"""Returns the layout of a `FlexiTac <https://flexitac.github.io>`_ pad of 12 x 32 taxels,
+    numbered row by row. The pitch of 2 mm is taken from the maker's `simulation
+    <https://github.com/binghao-huang/FlexiTac-IsaacSim-Simulation>`_. For pads of other sizes, use
+    :func:`grid`.
 
     The origin is the centre of the pad, :math:`x` points to the next column and :math:`y` to the
     next row.

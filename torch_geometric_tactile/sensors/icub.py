@@ -5,13 +5,13 @@ from torch_geometric_tactile.sensors.stock import stock_layout
 
 
 def icub_fingertip() -> TaxelLayout:
-    r"""The 12 taxels of a fingertip of the iCub robot, with the coordinates (precise to about
-    0.5 mm) and normals of its board `ftx2
+    r"""Returns the layout of a fingertip of the iCub robot: 12 taxels at the coordinates (precise
+    to about 0.5 mm) and with the normals of its board `ftx2
     <https://github.com/icub-tech-iit/electronics-boards-public>`_.
 
-    The origin is the rotation centre of the fingertip's support, :math:`-x` points to the tip, and
+    The origin is the rotation centre of the fingertip's support. :math:`-x` points to the tip, and
     :math:`+y` points out of the pad. The edges of :obj:`"original"` join taxels less than 4.9 mm
-    apart, and the image map shows the unrolled pad; both are choices of this package.
+    apart, and the image map shows the unrolled pad. Both are choices of this package.
 
     Shapes:
         - **pos, normal:** metres and unit vectors in the fingertip frame :math:`(12, 3)`
@@ -25,9 +25,9 @@ def icub_fingertip() -> TaxelLayout:
 
 
 def icub_hand() -> TaxelLayout:
-    r"""The 60 taxels of the five fingertips of the iCub robot, thumb, index, middle, ring and
-    little finger: :func:`icub_fingertip` joined five times. Each finger is a digit with a separate
-    frame.
+    r"""Returns the layout of the five fingertips of an iCub hand: 60 taxels on thumb, index,
+    middle, ring and little finger, each as in :func:`icub_fingertip`. Each finger is a digit with a
+    separate frame.
 
     Shapes:
         - **pos, normal:** metres and unit vectors, in the frame of each fingertip :math:`(60, 3)`

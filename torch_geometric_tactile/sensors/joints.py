@@ -18,14 +18,14 @@ class Joint:
         xyz (tuple of float): Origin of the child in the parent's frame, in metres.
         rpy (tuple of float): Rotation of the child at angle zero, about the parent's fixed
             :math:`x`, then :math:`y`, then :math:`z` axis, in radians.
-        axis (tuple of float, optional): Axis of rotation in the child's frame, which is normalised;
+        axis (tuple of float, optional): Axis of rotation in the child's frame. It is normalised.
             :obj:`None` for a fixed joint.
         lower (float): Lower limit in radians.
         upper (float): Upper limit in radians.
 
     Raises:
-        ValueError: If a name is not a text, a vector is not three finite numbers, the axis is zero,
-            or the lower limit is above the upper one.
+        ValueError: If a name is not a string, a vector is not three finite numbers, the axis is
+            zero, or the lower limit is above the upper one.
 
     Examples:
         >>> Joint("bend", "palm", "tip", xyz=(0.0, 0.0, 0.1), axis=(0.0, 1.0, 0.0), upper=1.6).upper
@@ -65,7 +65,7 @@ class Joint:
             length = math.hypot(*self.axis)
             if not 0 < length < math.inf:
                 raise ValueError(
-                    f"the axis of joint '{self.name}' must have a direction (got {self.axis})"
+                    f"the axis of joint '{self.name}' must not be zero (got {self.axis})"
                 )
             # A unit axis stays as it is: dividing again would change its last digits in a copy.
             if not math.isclose(length, 1.0, rel_tol=1e-15):

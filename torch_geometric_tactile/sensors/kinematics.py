@@ -28,7 +28,7 @@ from torch_geometric_tactile.sensors.layout import TaxelLayout
 from torch_geometric_tactile.sensors.stock import stock_path
 
 _KEYS = ("name", "source", "joints", "bodies")
-# Up to this number of frames, the overhead of each operation costs more than its arithmetic.
+# Up to this number of frames, the overhead of the operations costs more than the arithmetic.
 _MAX_SMALL_BATCH = 4
 _CHUNK = 4096  # frames at a time, so that intermediate results fit into the processor's cache
 
@@ -55,9 +55,9 @@ class LinkPose(NamedTuple):
 
 
 class PosedTaxels(NamedTuple):
-    r"""The positions and normals of the taxels of a posed hand, in the frame of the root link:
-    :obj:`pos` in metres and unit :obj:`normal`, both :math:`(..., N, 3)`. :obj:`normal` is
-    :obj:`None` if the layout has no normals.
+    r"""The positions and normals of the taxels of a posed hand, in the frame of the root link.
+    :obj:`pos` is in metres, and :obj:`normal` holds unit vectors, both :math:`(..., N, 3)`.
+    :obj:`normal` is :obj:`None` if the layout has no normals.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import allegro_uskin
@@ -74,16 +74,16 @@ class HandKinematics:
     r"""Computes the forward kinematics of a hand: link poses, taxel positions and taxel normals
     from joint angles. All results are batched and differentiable.
 
-    Angles are never clipped; :meth:`outside_limits` returns those beyond a limit.
+    Angles are never clipped. Use :meth:`outside_limits` to find angles beyond a limit.
 
     Args:
-        joints (sequence of Joint): The joints. The moving joints, in this order, are the joint
-            vector :math:`(J,)`.
+        joints (sequence of Joint): The joints. The joint vector :math:`(J,)` holds the angles of
+            the moving joints, in this order.
         name (str): Name of the hand.
 
     Raises:
         ValueError: If no joint moves, two joints have the same name, a link has two parents, or the
-            links are not one tree.
+            links do not form one tree.
 
     Examples:
         >>> hand = HandKinematics.allegro()
@@ -119,9 +119,10 @@ class HandKinematics:
 
     @classmethod
     def allegro(cls) -> Self:
-        r"""Returns the right Allegro hand: 16 joints in the order of its ROS driver (index, middle,
-        ring, thumb, from base to tip). In the root frame, :obj:`palm_link`, :math:`x` points out of
-        the palm, :math:`y` towards the index finger and :math:`z` towards the fingertips.
+        r"""Returns the right Allegro hand, with 16 joints in the order of its ROS driver (index,
+        middle, ring, thumb, from base to tip). In the root frame, :obj:`palm_link`, :math:`x`
+        points out of the palm, :math:`y` towards the index finger and :math:`z` towards the
+        fingertips.
         """
         return cls.load(stock_path("chains", "allegro_right"))
 
@@ -135,7 +136,7 @@ class HandKinematics:
 
         Raises:
             FileNotFoundError: If the file does not exist.
-            ValueError: If the file has other content. The message names the file.
+            ValueError: If the file is not a table of joints. The message names the file.
         """
         try:
             content = read_json(path)
@@ -146,7 +147,7 @@ class HandKinematics:
             raise ValueError(f"'{path}' is not a table of joints: {error}") from error
 
     def to_dict(self) -> dict[str, Any]:
-        r"""Returns the hand as numbers, texts, lists and dictionaries."""
+        r"""Returns the hand as JSON values."""
         return {"name": self.name, "joints": [joint.to_dict() for joint in self.joints]}
 
     @classmethod
@@ -159,7 +160,8 @@ class HandKinematics:
                 ignored.
 
         Raises:
-            ValueError: If there are no joints, an unknown key, or the joints are not a hand.
+            ValueError: If :obj:`"joints"` is missing, a key is unknown, or the joints do not form a
+                hand.
         """
         if not isinstance(content, Mapping) or "joints" not in content:
             raise ValueError("it must be a JSON object with the key 'joints'")
@@ -182,12 +184,12 @@ class HandKinematics:
         Args:
             path (str or PathLike): The file.
             joint_names (sequence of str, optional): The moving joints in the order of the joint
-                vector, by default in the order of the file. Other moving joints stay at angle zero.
+                vector. By default the order of the file. Other moving joints stay at angle zero.
 
         Raises:
             FileNotFoundError: If the file does not exist.
-            ValueError: If the file is not a URDF, a joint has another type, or a named joint is
-                missing or named twice. The message names the file.
+            ValueError: If the file is not a URDF, a joint has an unsupported type, or a named joint
+                is missing or named twice. The message names the file.
         """
         try:
             joints, name = read_urdf(Path(path), joint_names)
@@ -218,7 +220,7 @@ class HandKinematics:
             joint (torch.Tensor): Joint angles in radians :math:`(..., J)`.
 
         Raises:
-            ValueError: If :obj:`joint` has another number of angles or is not floating-point.
+            ValueError: If :obj:`joint` has the wrong number of angles or is not floating-point.
         """
         _check_joint(self, joint)
         return LinkPose(*pose_links(self._levels, joint))
@@ -232,8 +234,8 @@ class HandKinematics:
             normal (bool): Whether to return normals.
 
         Raises:
-            ValueError: If a link of the layout is not a link of this hand, or :obj:`joint` has
-                another number of angles.
+            ValueError: If a link of the layout is not a link of this hand, or :obj:`joint` has the
+                wrong number of angles.
         """
         _check_joint(self, joint)
         shape, num_taxels = joint.shape[:-1], layout.num_taxels
@@ -252,7 +254,7 @@ class HandKinematics:
         return PosedTaxels(vectors[0], vectors[1] if with_normal else None)
 
     def taxel_axes(self, layout: TaxelLayout, joint: Tensor) -> Tensor:
-        r"""Returns the axes of the taxels, :meth:`TaxelLayout.axes`, in the frame of the root link.
+        r"""Returns the axes of the taxels (:meth:`TaxelLayout.axes`) in the frame of the root link.
 
         Args:
             layout (TaxelLayout): The layout. Its links must be links of this hand.
@@ -263,8 +265,8 @@ class HandKinematics:
               :math:`(..., N, 3, 3)`
 
         Raises:
-            ValueError: If a link of the layout is not a link of this hand, or :obj:`joint` has
-                another number of angles.
+            ValueError: If a link of the layout is not a link of this hand, or :obj:`joint` has the
+                wrong number of angles.
         """
         links, axes = self._cached_axes(layout, joint)
         return axes @ self.link_pose(joint).rotation[..., links, :, :].mT
@@ -311,8 +313,8 @@ class HandKinematics:
         return self._cached("axes", layout, like, build)
 
     def _cached(self, key: str, layout: TaxelLayout, like: Tensor, build: _BuildTables) -> Any:
-        # A layout is frozen, so its constants are computed once: this costs more than the pose of a
-        # frame. Only the last layout is cached for each key.
+        # A layout is frozen, so its constants are computed only once: computing them takes longer
+        # than the pose of a frame. Only the last layout is cached for each key.
         entry = self._kept.get(key)
         if entry is None or entry[0] is not layout or entry[1] != (like.dtype, like.device):
             names = self.require_links(layout)
@@ -330,13 +332,13 @@ class HandKinematics:
 def _check_joint(hand: HandKinematics, joint: Tensor) -> None:
     if joint.dim() == 0 or joint.size(-1) != hand.num_joints:
         raise ValueError(
-            f"'joint' must have shape (..., {hand.num_joints}), as '{hand.name}' has joints "
+            f"'joint' must have shape (..., {hand.num_joints}), the joints of '{hand.name}' "
             f"(got {tuple(joint.shape)})"
         )
     need(joint.is_floating_point(), "'joint' must be floating-point angles", joint.dtype)
     if torch.compiler.is_compiling():  # A compiled graph must not depend on values.
         return
-    # No joint of a hand turns by more than a full turn: the angles are probably in degrees.
+    # No joint of a hand turns by more than a full turn, so larger angles are probably in degrees.
     if joint.numel() and bool((joint.detach().abs() > 2 * math.pi).any()):
         warnings.warn(
             f"'joint' must be in radians; an angle of {float(joint.detach().abs().max()):.4g} "

@@ -29,8 +29,8 @@ class TaxelLayout:
 
     Args:
         name (str): Name of the sensor.
-        pos (torch.Tensor): Taxel positions in the link frame, in metres :math:`(N, 3)`. A flat pad
-            may have :math:`(N, 2)`, where :math:`z = 0`.
+        pos (torch.Tensor): Taxel positions in the link frame, in metres :math:`(N, 3)`. For a
+            flat pad, :math:`(N, 2)` is accepted, with :math:`z = 0`.
         normal (torch.Tensor, optional): Outward unit normals in the link frame :math:`(N, 3)`.
         tangent (torch.Tensor, optional): Unit :math:`x` and :math:`y` axes of each taxel, along
             which it measures shear, in the link frame :math:`(N, 2, 3)`. They are stored in double
@@ -49,10 +49,9 @@ class TaxelLayout:
         source (str): Source of the positions.
 
     Raises:
-        ValueError: If an argument has another number of taxels than :obj:`pos`, an index has no
-            name, an edge joins taxels outside of the layout, a position is not finite, a normal has
-            no unit length, axes are not at right angles, or two taxels share a cell of the image
-            map.
+        ValueError: If the arguments differ in their number of taxels, an index has no name, an edge
+            joins taxels outside of the layout, a position is not finite, a normal is not a unit
+            vector, axes are not at right angles, or two taxels share a cell of the image map.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import biotac_sp
@@ -111,8 +110,8 @@ class TaxelLayout:
 
     @property
     def default_adjacency(self) -> str | None:
-        r"""The name of the adjacency that data sets use by default: :obj:`"original"`, or the only
-        adjacency, else :obj:`None`.
+        r"""The name of the adjacency that data sets use by default: :obj:`"original"` if it exists,
+        else the only adjacency. :obj:`None` if the layout has no or several other adjacencies.
         """
         names = list(self.adjacency)
         if "original" in names:
@@ -130,13 +129,13 @@ class TaxelLayout:
             - **output:** directed edges :math:`(2, |\mathcal{E}|)`
 
         Raises:
-            ValueError: If the layout has no such adjacency, or no default one.
+            ValueError: If the layout has no such adjacency, or no default adjacency.
         """
         name = self.default_adjacency if name is None else name
         names = ", ".join(f"'{key}'" for key in self.adjacency) or "none; see KNNGraph"
         if name is None:
             raise ValueError(
-                f"'name' must be given, an adjacency of layout '{self.name}': {names} (got None)"
+                f"'name' must be an adjacency of layout '{self.name}': {names} (got None)"
             )
         if name not in self.adjacency:
             raise ValueError(
@@ -153,7 +152,7 @@ class TaxelLayout:
             edge_index (torch.Tensor): Directed edges :math:`(2, |\mathcal{E}|)`.
 
         Raises:
-            ValueError: If the edges have another shape or join taxels outside of the layout.
+            ValueError: If the edges have the wrong shape or join taxels outside of the layout.
 
         Examples:
             >>> from torch_geometric_tactile.sensors import biotac_sp
@@ -183,14 +182,15 @@ class TaxelLayout:
 
     def axes(self, dtype: torch.dtype = torch.float) -> Tensor:
         r"""Returns the unit axes :math:`x, y` of each taxel and its outward normal :math:`n`, in
-        the frame of its link. Readings :math:`x, y` and pressure are along :math:`x`, :math:`y` and
-        *against* the normal: pressure points into the skin.
+        the frame of its link. Shear is measured along :math:`x` and :math:`y`. Pressure is measured
+        *against* the normal, since it points into the skin.
 
         Without :obj:`tangent`, :math:`x` is the link's :math:`x` axis projected onto the skin (or
         its :math:`y` axis, if :math:`x` is normal to the skin), and :math:`y = n \times x`. Without
         :obj:`normal`, :math:`n = x \times y`. Without both, :math:`n` is :math:`z` on a link whose
-        taxels have the same :math:`z`. On other links it is the normal of the plane through a taxel
-        and its eight nearest neighbours, which points away from the centre of the link's taxels.
+        taxels all have the same :math:`z`. On other links, :math:`n` is the normal of the plane
+        through a taxel and its eight nearest neighbours, pointing away from the centre of the
+        link's taxels.
 
         Args:
             dtype (torch.dtype): Type of the output.
@@ -230,8 +230,8 @@ class TaxelLayout:
                 :func:`~torch_geometric_tactile.sensors.expand_patches`).
 
         Raises:
-            ValueError: If a key is missing or unknown, the unit is unknown, or the layout is not
-                consistent.
+            ValueError: If a key is missing or unknown, the unit is unknown, or the layout is
+                inconsistent.
         """
         return cls(**layout_arguments(content))
 
@@ -245,18 +245,18 @@ class TaxelLayout:
         links: Sequence[str] | None = None,
         pose: Tensor | None = None,
     ) -> Self:
-        r"""Joins layouts to one layout, such as fingertips to a hand. Taxels are numbered layout by
-        layout.
+        r"""Joins layouts into one layout, for example fingertips into a hand. Taxels are numbered
+        layout by layout.
 
         The joined layout has the adjacencies that all layouts have, without edges between the
-        layouts. It has normals, tangents and an image map if all layouts have them; the image maps
-        are side by side.
+        layouts. It has normals, tangents and an image map only if all layouts have them. The image
+        maps are placed side by side.
 
         Args:
             layouts (sequence of TaxelLayout): The layouts.
             names (sequence of str, optional): Name of each layout, such as its finger. By default
-                the names of the layouts. If a layout has one digit, patch or link, this is its new
-                name; if it has several, the name is put before theirs, as in :obj:`"left_index"`.
+                the names of the layouts. If a layout has one digit, patch or link, this becomes its
+                name. If it has several, the name is prefixed to theirs, as in :obj:`"left_index"`.
             name (str): Name of the joined layout.
             links (sequence of str, optional): Name of the hand's link that carries each layout,
                 such as a link in a URDF. Layouts may share a link. By default they have separate
@@ -266,7 +266,7 @@ class TaxelLayout:
                 default the identity.
 
         Raises:
-            ValueError: If there is no layout, names are missing or repeat, :obj:`links` are given
+            ValueError: If there is no layout, names are missing or repeated, :obj:`links` are set
                 for a layout with several links, or :obj:`pose` is not a rigid transform.
 
         Examples:
@@ -352,7 +352,7 @@ def _join_arguments(
     for key, values in (("names", names), ("links", links)):
         if values is not None and len(values) != num_layouts:
             raise ValueError(
-                f"'{key}' must be {num_layouts}, one for each layout (got {len(values)})"
+                f"'{key}' must have {num_layouts} entries, one for each layout (got {len(values)})"
             )
     need(len(set(names)) >= num_layouts, "'names' must differ from one another", list(names))
     poses = _checked_pose(pose, num_layouts)
@@ -374,7 +374,7 @@ def _join_arguments(
 
 
 def _rotate(key: str, layouts: Sequence[TaxelLayout], poses: Tensor) -> Tensor | None:
-    # The normals or tangents in the frames of the links, or None unless all layouts have them.
+    # The normals or tangents in the frames of the links, or None if any layout lacks them.
     rotated = []
     for layout, rotation in zip(layouts, poses[:, :3, :3], strict=True):
         directions: Tensor | None = getattr(layout, key)
@@ -428,7 +428,7 @@ def _adjacency(layouts: Sequence[TaxelLayout]) -> dict[str, Tensor]:
 def _join_indices(
     key: str, layouts: Sequence[TaxelLayout], names: Sequence[str]
 ) -> dict[str, Tensor | tuple[str, ...]]:
-    # The name of a layout names its only digit, or is put before the names of its digits.
+    # A layout with one digit names it; otherwise the name of the layout is prefixed to its digits.
     joined_names: list[str] = []
     indices = []
     for layout, name in zip(layouts, names, strict=True):
@@ -448,7 +448,7 @@ def _links(
     for layout, name in zip(layouts, names, strict=True):
         if len(layout.link_names) > 1:
             raise ValueError(
-                f"'links' must be None where a layout has several links (got '{name}' with "
+                f"'links' must be None if a layout has several links (got '{name}' with "
                 f"{', '.join(layout.link_names)})"
             )
     link_names = tuple(dict.fromkeys(links))  # Layouts may share a link.
@@ -460,7 +460,7 @@ def _links(
 
 
 def _image_map(layouts: Sequence[TaxelLayout]) -> Tensor | None:
-    # The image maps side by side, or None unless all layouts have them.
+    # The image maps side by side, or None if any layout lacks one.
     maps, column = [], 0
     for layout in layouts:
         if layout.image_map is None:

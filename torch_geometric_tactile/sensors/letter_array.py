@@ -7,13 +7,13 @@ from torch_geometric_tactile.sensors.planar_arrays import grid
 
 
 def letter_array() -> TaxelLayout:
-    r"""The 1024 pixels of the flexible pressure array of the "A Novel Bilinear Feature and
+    r"""Returns the layout of the flexible pressure array in the "A Novel Bilinear Feature and
     Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors
-    2020, 20, 5822): a :func:`grid` of 32 x 32 with 64 pixels per square centimetre, which are
+    2020, 20, 5822): a :func:`grid` of 32 x 32 pixels. It has 64 pixels per square centimetre,
     1.25 mm apart.
 
-    The first row is the top row of an image. The adjacencies are those of a grid:
-    :obj:`"original"` joins four neighbours, :obj:`"dense"` eight.
+    The first row is the top row of an image. As in a grid, the adjacency :obj:`"original"` joins
+    four neighbours, and :obj:`"dense"` eight.
 
     Shapes:
         - **pos, normal:** metres and unit vectors in the plane :math:`z = 0` :math:`(1024, 3)`

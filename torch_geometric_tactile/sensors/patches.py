@@ -1,4 +1,4 @@
-r"""Expansion of layouts that are described by patches to taxels and edges."""
+r"""Expansion of layouts that are described by patches into taxels and edges."""
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
@@ -22,7 +22,7 @@ from torch_geometric_tactile.sensors._content_checks import (
     need_text,
 )
 
-# Limits for untrusted files, whose few bytes could describe any number of taxels and edges.
+# Limits for untrusted files: a few bytes could describe any number of taxels and edges.
 _MAX_TAXELS = 100_000
 _MAX_JOINED_PAIRS = 1_000_000
 _DESCRIPTION_KEYS = ("shapes", "patches", "joins", "one_way")  # not in an expanded layout
@@ -42,7 +42,7 @@ _Edge = tuple[int, int]
 
 
 def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
-    r"""Expands a layout that is described by patches to one that lists every taxel.
+    r"""Expands a layout that is described by patches into a layout that lists every taxel.
 
     The description has the keys :obj:`"shapes"` (name to :obj:`{"kind", "rows", ...}`),
     :obj:`"patches"` (a list of :obj:`{"name", "digit", "link", "shape", "origin", "cell"}` and
@@ -50,25 +50,26 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
     list of :obj:`{"kind", "from", "to"}`) and :obj:`"one_way"` (single directed edges). Lengths are
     in the layout's :obj:`"unit"`.
 
-    The :obj:`"rows"` of a shape are the numbers of taxels of each row, from the base outwards.
+    The :obj:`"rows"` of a shape list the number of taxels in each row, from the base outwards.
     Shorter rows are centred. A :obj:`"planar"` patch has a :obj:`"pitch"`, and its :obj:`"origin"`
     is its centre. A :obj:`"capsule"` (a half cylinder with a dome at its end) has a
     :obj:`"pitch"` along the axis, a :obj:`"radius"`, the :obj:`"straight"` length of its cylinder
-    and the :obj:`"column_angle"` in degrees between columns; its :obj:`"origin"` is the point of
+    and the :obj:`"column_angle"` in degrees between columns. Its :obj:`"origin"` is the point on
     its axis at the first row. The :math:`y` axis of a taxel (in :obj:`"tangent"`) is the direction
-    :obj:`"row"` projected onto the skin. Its :math:`x` axis is :math:`y \times n`, which is
+    :obj:`"row"` projected onto the skin. Its :math:`x` axis is :math:`y \times n`, which equals
     :obj:`"column"` where the patch is flat.
 
     The adjacency :obj:`"original"` joins neighbours in a row or a column, :obj:`"slanted"` joins
-    diagonal neighbours, and :obj:`"dense"` both. :obj:`"sparse"` has all edges along the columns,
-    but across the columns only those listed in the shape's :obj:`"sparse_across"` (row and column
-    of the left taxel).
+    diagonal neighbours, and :obj:`"dense"` joins both. :obj:`"sparse"` has all edges along the
+    columns. Across the columns it has only the edges listed in the shape's :obj:`"sparse_across"`
+    (row and column of the left taxel).
 
-    A :obj:`"seam"` joins the taxels of two facing rows, each with the taxel straight ahead, or in
-    :obj:`"slanted"` with the neighbours of that taxel. A :obj:`"fan"` joins each taxel with all
-    taxels of the facing row except the one straight ahead, and adds one straight pair,
-    :obj:`"straight"`, which is not in :obj:`"slanted"`. An end of a join is :obj:`[patch, side]`,
-    or :obj:`[patch, side, first, last]` for a range of its taxels.
+    A :obj:`"seam"` joins each taxel of a row with the taxel straight ahead in the facing row. In
+    :obj:`"slanted"` it joins each taxel with the neighbours of that taxel instead, and in
+    :obj:`"dense"` with both. A :obj:`"fan"` joins each taxel with all taxels of the facing row
+    except the taxel straight ahead. It also adds one straight pair, :obj:`"straight"`, which is not
+    in :obj:`"slanted"`. An end of a join is :obj:`[patch, side]`, or :obj:`[patch, side, first,
+    last]` for a range of its taxels.
 
     Args:
         content (Mapping): The description.
@@ -127,12 +128,12 @@ def expand_patches(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_count(items: str, count: int, maximum: int) -> None:
-    need(count <= maximum, f"a layout of patches must have {maximum} {items} at most", count)
+    need(count <= maximum, f"a layout of patches must have at most {maximum} {items}", count)
 
 
 class _Patch:
-    r"""A patch of taxels. Its cells and taxels are computed when they are needed, so that a caller
-    can check their number first.
+    r"""A patch of taxels. Its cells and taxels are computed on first use, so that a caller can
+    check their number first.
     """
 
     def __init__(self, patch: Mapping[str, Any], shapes: Mapping[str, Any], start: int) -> None:
@@ -336,7 +337,7 @@ def _capsule(shape: Mapping[str, Any], row: int, column: float) -> tuple[np.ndar
     radius, straight = shape["radius"], shape["straight"]
     angle = np.deg2rad(column * shape["column_angle"])
     distance = row * shape["pitch"]  # along the axis, and then over the dome
-    # The normal is that of the cylinder, bent over the dome beyond its straight length.
+    # The normal of the cylinder, bent over the dome beyond its straight length.
     bend = max(0.0, distance - straight) / radius
     cosine = np.cos(angle)
     normal = np.array([np.sin(angle), cosine * np.sin(bend), cosine * np.cos(bend)])
@@ -351,8 +352,8 @@ _SURFACES: dict[str, tuple[_Surface, tuple[str, ...]]] = {
 
 
 class _Join:
-    # The edges between two sides of patches. They are computed when they are needed, so that their
-    # number can be checked first.
+    # The edges between two sides of patches. They are computed on first use, so that their number
+    # can be checked first.
     def __init__(self, join: Mapping[str, Any], patches: Mapping[str, _Patch]) -> None:
         self.ends = [_parse_end(need_key(join, end, "a join"), patches) for end in ("from", "to")]
         self.kind: str = need_key(join, "kind", "a join")

@@ -5,12 +5,12 @@ from torch_geometric_tactile.sensors.stock import stock_layout
 
 
 def paxini_15_tip() -> TaxelLayout:
-    r"""The 15 points of a PaXini fingertip of the generation before GEN3, with the positions in the
-    code of `3DTacDex <https://github.com/tianhaowuhz/3dtacdex>`_ (MIT licence).
+    r"""Returns the layout of a PaXini fingertip of the generation before GEN3: 15 points at the
+    positions in the code of `3DTacDex <https://github.com/tianhaowuhz/3dtacdex>`_ (MIT licence).
 
-    The origin and the axes are those of PaXini: :math:`+y` points to the tip, :math:`+z` out of the
-    pad. The edges of :obj:`"original"` join neighbours in 5 rows along the finger and 3 columns;
-    they and the image map are a choice of this package.
+    The origin and the axes are PaXini's: :math:`+y` points to the tip, and :math:`+z` out of the
+    pad. The edges of :obj:`"original"` join neighbours in 5 rows along the finger and 3 columns.
+    The edges and the image map are choices of this package.
 
     Shapes:
         - **pos:** metres in the frame of the module :math:`(15, 3)`
@@ -24,9 +24,9 @@ def paxini_15_tip() -> TaxelLayout:
 
 
 def paxini_15_pulp() -> TaxelLayout:
-    r"""The 15 points of a flat PaXini pad of the generation before GEN3, with the positions in the
-    code of `3DTacDex <https://github.com/tianhaowuhz/3dtacdex>`_ (MIT licence). Frame, edges and
-    image map are as in :func:`paxini_15_tip`.
+    r"""Returns the layout of a flat PaXini pad of the generation before GEN3: 15 points at the
+    positions in the code of `3DTacDex <https://github.com/tianhaowuhz/3dtacdex>`_ (MIT licence).
+    Frame, edges and image map are as in :func:`paxini_15_tip`.
 
     Shapes:
         - **pos:** metres in the frame of the module :math:`(15, 3)`
@@ -40,12 +40,12 @@ def paxini_15_pulp() -> TaxelLayout:
 
 
 def paxini_31() -> TaxelLayout:
-    r"""The 31 points of a PaXini fingertip PX-6AX GEN3 DP-S1813-Elite (13 mm), with the positions
-    that the package `paxini-sdk <https://github.com/Jingyi-Z/paxini-sdk>`_ (MIT licence) has from
-    PaXini's product documents.
+    r"""Returns the layout of a PaXini fingertip PX-6AX GEN3 DP-S1813-Elite (13 mm): 31 points at
+    the positions that the package `paxini-sdk <https://github.com/Jingyi-Z/paxini-sdk>`_ (MIT
+    licence) copies from PaXini's product documents.
 
-    The origin and the axes are those of PaXini: :math:`+y` points to the tip, :math:`+z` out of the
-    pad. Normals and the axes of the forces at a point are not published there. The edges of
+    The origin and the axes are PaXini's: :math:`+y` points to the tip, and :math:`+z` out of the
+    pad. The documents give neither normals nor the axes of the forces at a point. The edges of
     :obj:`"original"` join points less than 4.2 mm apart, a choice of this package.
 
     Shapes:
@@ -59,10 +59,10 @@ def paxini_31() -> TaxelLayout:
 
 
 def paxini_52() -> TaxelLayout:
-    r"""The 52 points of a PaXini fingertip PX-6AX GEN3 DP-S2015-Elite (15 mm), with the positions
-    that the package `paxini-sdk <https://github.com/Jingyi-Z/paxini-sdk>`_ (MIT licence) has from
-    PaXini's product documents. The frame is as in :func:`paxini_31`. The edges of :obj:`"original"`
-    join points less than 4 mm apart, a choice of this package.
+    r"""Returns the layout of a PaXini fingertip PX-6AX GEN3 DP-S2015-Elite (15 mm): 52 points at
+    the positions that the package `paxini-sdk <https://github.com/Jingyi-Z/paxini-sdk>`_ (MIT
+    licence) copies from PaXini's product documents. The frame is as in :func:`paxini_31`. The edges
+    of :obj:`"original"` join points less than 4 mm apart, a choice of this package.
 
     Shapes:
         - **pos:** metres in the frame of the module :math:`(52, 3)`
@@ -75,12 +75,13 @@ def paxini_52() -> TaxelLayout:
 
 
 def leap_paxini() -> TaxelLayout:
-    r"""The 120 points of a LEAP hand with eight PaXini modules, :func:`paxini_15_tip` and
-    :func:`paxini_15_pulp` on thumb, index, middle and ring finger, as mounted in `3DTacDex
-    <https://github.com/tianhaowuhz/3dtacdex>`_ (MIT licence).
+    r"""Returns the layout of a LEAP hand with eight PaXini modules: 120 points in
+    :func:`paxini_15_tip` and :func:`paxini_15_pulp` modules on thumb, index, middle and ring
+    finger, mounted as in `3DTacDex <https://github.com/tianhaowuhz/3dtacdex>`_ (MIT licence).
 
-    The links have the names of the LEAP hand's URDF, so :meth:`HandKinematics.from_urdf` of it
-    poses the points. Edges and image map are a choice of this package; no edge joins two modules.
+    The links have the names in the URDF of the LEAP hand. Load the URDF with
+    :meth:`HandKinematics.from_urdf` to pose the points. Edges and image map are choices of this
+    package. No edge joins two modules.
 
     Shapes:
         - **pos:** metres in the frames of the links :math:`(120, 3)`

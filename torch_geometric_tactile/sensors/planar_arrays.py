@@ -16,12 +16,12 @@ _SLANTED = ((1, 1), (1, -1))
 
 
 def grid(rows: int, cols: int, pitch: float) -> TaxelLayout:
-    r"""A planar array of taxels, numbered row by row, in the :math:`xy` plane with normals along
-    :math:`+z`. The first taxel is at the origin, :math:`x` points to the next column and :math:`y`
-    to the next row. The axes of the taxels are these :math:`x` and :math:`y`.
+    r"""Returns the layout of a rectangular array of taxels, numbered row by row, in the :math:`xy`
+    plane with normals along :math:`+z`. The first taxel is at the origin, :math:`x` points to the
+    next column and :math:`y` to the next row. These are also the axes of the taxels.
 
     The adjacencies are :obj:`"original"` (four straight neighbours), :obj:`"slanted"` (four
-    diagonal neighbours) and :obj:`"dense"` (all eight), each edge in both directions.
+    diagonal neighbours) and :obj:`"dense"` (all eight). Each edge exists in both directions.
 
     Args:
         rows (int): Number of rows.
@@ -50,19 +50,19 @@ def grid(rows: int, cols: int, pitch: float) -> TaxelLayout:
 
 
 def hexagonal(rows: int, cols: int, pitch: float) -> TaxelLayout:
-    r"""A planar array of taxels with six neighbours each, numbered row by row, in the :math:`xy`
-    plane with normals along :math:`+z`. The first taxel is at the origin. Rows are parallel to
-    :math:`x`, with a distance of :math:`\sqrt{3} / 2` of the pitch along :math:`y`. Every second
-    row (the second, the fourth) is shifted by half a pitch along :math:`+x`. The axes of the taxels
-    are :math:`x` and :math:`y`.
+    r"""Returns the layout of an array of taxels with six neighbours each, numbered row by row, in
+    the :math:`xy` plane with normals along :math:`+z`. The first taxel is at the origin. Rows are
+    parallel to :math:`x`, and their distance along :math:`y` is :math:`\sqrt{3} / 2` of the pitch.
+    Every second row (the second, the fourth) is shifted by half a pitch along :math:`+x`. The axes
+    of the taxels are :math:`x` and :math:`y`.
 
     The adjacency :obj:`"original"` joins each taxel with its six neighbours, in both directions.
-    The image map has offset coordinates, the row and the index in the row: in the image of a
-    convolutional network, every second row is shifted by half a pixel.
+    The image map uses offset coordinates: the row, and the index within the row. In the image of a
+    convolutional network, every second row is therefore shifted by half a pixel.
 
     Args:
         rows (int): Number of rows.
-        cols (int): Number of taxels of each row.
+        cols (int): Number of taxels in each row.
         pitch (float): Distance between neighbouring taxels in metres.
 
     Raises:
@@ -94,7 +94,7 @@ def _cells(rows: int, cols: int, pitch: float) -> tuple[Tensor, Tensor]:
     need(rows >= 1 and cols >= 1, f"'rows' and 'cols' must be at least 1 (got {rows} and {cols})")
     if rows * cols > MAX_TAXELS:
         raise ValueError(
-            f"'rows' and 'cols' must make {MAX_TAXELS} taxels at most (got {rows} and {cols})"
+            f"'rows' and 'cols' must give at most {MAX_TAXELS} taxels (got {rows} and {cols})"
         )
     need(0 < pitch < float("inf"), "'pitch' must be a positive length in metres", pitch)
     cell = torch.cartesian_prod(torch.arange(rows), torch.arange(cols)).view(-1, 2)

@@ -52,11 +52,12 @@ def sector_edges(
     determines the sector. Sector 0 is centred on the :math:`x` axis, and the others follow
     counter-clockwise as seen from the tip of :math:`\mathbf{u}_i \times \mathbf{v}_i`. The border
     between two sectors belongs to the following sector. On a grid whose pitches differ by a factor
-    of at most 2.4, eight sectors are the eight surrounding cells.
+    of at most 2.4, the eight sectors contain the eight surrounding cells.
 
-    The nearest neighbour is that with the smallest distance in space. Of neighbours at the same
-    distance (to a ten-thousandth), the one closer to the middle of the sector is used, and then the
-    one with the lower index. Taxels exactly above or below a taxel are in no sector.
+    The nearest neighbour has the smallest distance in space. Among neighbours at the same distance
+    (within a relative difference of 1e-4), the neighbour closest to the middle of the sector is
+    used, then the neighbour with the lowest index. Taxels exactly above or below a taxel are in no
+    sector.
 
     Args:
         pos (torch.Tensor): Positions in metres :math:`(N, 3)`.
@@ -73,7 +74,7 @@ def sector_edges(
         SectorEdges: :obj:`edge_index` and :obj:`sector`.
 
     Raises:
-        ValueError: If :obj:`pos` or :obj:`axes` has another shape, :obj:`num_sectors` is below one,
+        ValueError: If :obj:`pos` or :obj:`axes` has a wrong shape, :obj:`num_sectors` is below one,
             or :obj:`radius` is not positive.
 
     Examples:
@@ -88,7 +89,7 @@ def sector_edges(
     num_taxels = len(pos)
     if axes.dim() != 3 or tuple(axes.shape) not in ((num_taxels, 2, 3), (num_taxels, 3, 3)):
         raise ValueError(
-            f"'axes' must have shape ({num_taxels}, 3, 3), those of the taxels of 'pos' "
+            f"'axes' must have shape ({num_taxels}, 3, 3), the axes of each taxel of 'pos' "
             f"(got {tuple(axes.shape)})"
         )
     need(num_sectors >= 1, "'num_sectors' must be at least 1", num_sectors)
@@ -119,8 +120,8 @@ def layout_sectors(
     radius: float | None = None,
     within: Literal["patch", "link"] = "patch",
 ) -> SectorEdges:
-    r"""Connects each taxel of a layout with its nearest neighbour in each sector, see
-    :func:`sector_edges`. The sectors are those of the axes of the layout.
+    r"""Connects each taxel of a layout with its nearest neighbour in each sector (see
+    :func:`sector_edges`). The axes of the layout define the sectors.
 
     Args:
         layout (TaxelLayout): The layout.

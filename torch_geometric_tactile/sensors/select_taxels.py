@@ -18,21 +18,22 @@ def select_taxels(
     rows. The corresponding readings are :obj:`x[:, taxels]`.
 
     Positions, normals, tangents and cells of the image map stay the same. Each adjacency has the
-    edges between selected taxels, so that the graph may be disconnected; for edges across gaps, use
+    edges between selected taxels, so the graph may be disconnected. For edges across gaps, use
     :class:`~torch_geometric_tactile.transforms.KNNGraph` or
     :func:`~torch_geometric_tactile.sensors.layout_sectors`. Patches and digits without a taxel are
-    removed, and the others are numbered again. All links are kept, since a hand may have links
+    removed, and the others are renumbered. All links are kept, since a hand may have links
     without taxels.
 
     Args:
         layout (TaxelLayout): The layout.
         taxels (torch.Tensor or sequence): Different indices of taxels, in the order of the new
             layout, or a boolean for each taxel :math:`(N,)`.
-        name (str, optional): Name of the new layout. By default the name of the layout with the
-            number of taxels.
+        name (str, optional): Name of the new layout. By default the name of the layout followed by
+            the number of taxels.
 
     Raises:
-        ValueError: If :obj:`taxels` are not indices or booleans, are empty, do not exist or repeat.
+        ValueError: If :obj:`taxels` are not indices or booleans, are empty, or an index does not
+            exist or is repeated.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -62,12 +63,12 @@ def select_taxels(
 
 
 def thinned(layout: TaxelLayout, keep: float, seed: int = 0) -> TaxelLayout:
-    r"""Returns a layout with a random fraction of the taxels of another layout, in the same order,
-    see :func:`select_taxels`. It simulates a sensor with irregular positions.
+    r"""Returns a layout with a random fraction of the taxels of another layout, in the same order
+    (see :func:`select_taxels`). Use it to simulate a sensor with irregular positions.
 
     On a large :func:`~torch_geometric_tactile.sensors.grid`, the graph of four neighbours is
-    disconnected if less than 59 % of the taxels are kept, and that of eight neighbours if less than
-    41 %. On :func:`~torch_geometric_tactile.sensors.hexagonal` it is disconnected below 50 %.
+    disconnected if less than 59 % of the taxels are kept, and the graph of eight neighbours if less
+    than 41 %. On :func:`~torch_geometric_tactile.sensors.hexagonal`, the limit is 50 %.
 
     Args:
         layout (TaxelLayout): The layout.
@@ -114,7 +115,7 @@ def _taxel_indices(taxels: Tensor | Sequence[int] | Sequence[bool], num_taxels: 
         )
     if len(indices.unique()) < len(indices):
         raise ValueError(
-            f"'taxels' must name each taxel once (got {len(indices)} numbers of "
+            f"'taxels' must name each taxel once (got {len(indices)} indices for "
             f"{len(indices.unique())} taxels)"
         )
     return indices

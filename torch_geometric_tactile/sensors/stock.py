@@ -11,7 +11,7 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.sensors.layout import TaxelLayout
 
 _KINDS = ("chains", "layouts")
-# The names by which XELA's server calls sensors, in lower case, and their layouts.
+# Sensor names that XELA's server sends, in lower case, and their layouts.
 _PRODUCT_NAMES = {
     "xr1844": "uspa44",
     "xr1944": "uspa44",
@@ -26,7 +26,7 @@ def stock_path(kind: str, name: str) -> Path:
     Args:
         kind (str): :obj:`"layouts"` or :obj:`"chains"`.
         name (str): Name of the file without suffix, such as :obj:`"allegro_uskin"`, or XELA's name
-            of the sensor, such as :obj:`"XR1944"`; in upper or lower case.
+            of the sensor, such as :obj:`"XR1944"`. Upper and lower case are equal.
 
     Raises:
         ValueError: If there is no such file. The message lists the available names.
@@ -76,7 +76,7 @@ def stock_layout(name: str) -> TaxelLayout:
         >>> stock_layout("biotac").num_taxels
         19
     """
-    # A copy, since its tensors could be changed in place.
+    # A copy, since a caller could change its tensors in place.
     return copy.deepcopy(_load_cached(stock_path("layouts", name)))
 
 
@@ -86,12 +86,12 @@ def _load_cached(path: Path) -> TaxelLayout:
 
 
 def as_layout(layout: TaxelLayout | PathLike) -> TaxelLayout:
-    r"""Returns a layout unchanged, or loads a layout of the package by its name or a layout file.
+    r"""Returns a layout unchanged, or loads it by its name or from a layout file.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, its name such as :obj:`"biotac"` as in
-            :func:`stock_path`, or the path of a JSON file of :meth:`TaxelLayout.save`. A text that
-            ends in :obj:`.json` or contains a folder is a path.
+            :func:`stock_path`, or the path of a JSON file written by :meth:`TaxelLayout.save`. A
+            string that ends in :obj:`.json` or contains a folder is a path.
 
     Raises:
         FileNotFoundError: If the file does not exist.

@@ -1,4 +1,4 @@
-r"""Descriptors of the readings of a layout that need no training."""
+r"""Descriptors of readings that need no training."""
 
 from torch import Tensor
 
@@ -40,15 +40,16 @@ def descriptor_names(layout: TaxelLayout | PathLike) -> list[str]:
 def taxel_descriptors(
     x: Tensor, layout: TaxelLayout | PathLike, pos: Tensor | None = None
 ) -> Tensor:
-    r"""Computes a fixed number of descriptors of the readings of each channel, without training.
-    With few labels, a random forest or a support vector machine on them is a strong model.
+    r"""Computes a fixed number of descriptors from the readings of each channel, without training.
+    With few labels, a random forest or a support vector machine on these descriptors is a strong
+    model.
 
     The descriptors of a channel are:
 
     * mean, standard deviation, largest absolute value, seven quantiles and skewness;
     * the centroid of the absolute values, the second moments about it and their eigenvalues, in
       units of the layout's extent;
-    * the fraction of the taxels above 0.1, 0.5 and 1; readings should therefore be scaled (see
+    * the fraction of the taxels above 0.1, 0.5 and 1, for which readings should be scaled (see
       :class:`~torch_geometric_tactile.transforms.ZScore`);
     * the mean and the largest absolute difference between a taxel and the mean of its six nearest
       neighbours, and the correlation of the two;
@@ -56,9 +57,9 @@ def taxel_descriptors(
       patches;
     * histograms of oriented gradients (Dalal and Triggs, 2005) with eight directions in the frames
       of the taxels, over all taxels, over each digit (without digits, each patch or each of four
-      parts) and over each cell. The slope of a taxel is fitted to its neighbours of
-      :func:`layout_sectors`. The histograms of a level are divided by their norm, and square roots
-      are taken.
+      parts) and over each cell. The slope of a taxel is fitted to its neighbours from
+      :func:`layout_sectors`. The histograms of a level are divided by their norm, then their square
+      roots are taken.
 
     A missing reading (NaN) is replaced by the mean of its neighbours, or of all taxels if they are
     missing as well.
@@ -67,16 +68,17 @@ def taxel_descriptors(
         x (torch.Tensor): Readings :math:`(N, F)` or :math:`(B, N, F)`.
         layout (TaxelLayout or str or PathLike): The taxels: a layout, the name of a layout of the
             package, or a layout file.
-        pos (torch.Tensor, optional): Positions of the taxels of each sample in metres, such as
-            those of :class:`~torch_geometric_tactile.transforms.TaxelPose` :math:`(N, 3)` or
-            :math:`(B, N, 3)`, for centroid and moments. By default those of the layout.
+        pos (torch.Tensor, optional): Positions of the taxels in each sample in metres :math:`(N,
+            3)` or :math:`(B, N, 3)`, such as the output of
+            :class:`~torch_geometric_tactile.transforms.TaxelPose`. Used for the centroid and the
+            moments. By default the positions of the layout.
 
     Returns:
-        Tensor: Descriptors :math:`(F \cdot D,)` or :math:`(B, F \cdot D)`, channel by channel, with
-        the names of :func:`descriptor_names`.
+        Tensor: Descriptors :math:`(F \cdot D,)` or :math:`(B, F \cdot D)`, channel by channel, in
+        the order of :func:`descriptor_names`.
 
     Raises:
-        ValueError: If :obj:`x` has another number of taxels than the layout.
+        ValueError: If :obj:`x` does not have the number of taxels of the layout.
 
     Examples:
         >>> import torch
@@ -87,7 +89,7 @@ def taxel_descriptors(
     if x.dim() not in (2, 3) or x.size(-2) != layout.num_taxels:
         raise ValueError(
             f"'x' must have shape ({layout.num_taxels}, num_channels) or (num_samples, "
-            f"{layout.num_taxels}, num_channels), as layout '{layout.name}' (got {tuple(x.shape)})"
+            f"{layout.num_taxels}, num_channels) for layout '{layout.name}' (got {tuple(x.shape)})"
         )
     x = x if x.is_floating_point() else x.float()
     scaled_pos = None

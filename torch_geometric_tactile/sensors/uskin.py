@@ -5,16 +5,16 @@ from torch_geometric_tactile.sensors.stock import stock_layout
 
 
 def uskin_gripper() -> TaxelLayout:
-    r"""Two planar XELA uSkin patches of 4 x 4 taxels, one on each finger of a parallel gripper, as
-    in `tactile_prediction_flat_dataset
+    r"""Returns the layout of two planar XELA uSkin patches of 4 x 4 taxels, one on each finger of a
+    parallel gripper, as in `tactile_prediction_flat_dataset
     <https://github.com/imanlab/tactile_prediction_flat_dataset>`_. Each patch has a pitch of
-    4.667 mm and a separate frame, and its taxels are numbered row by row, as in the phalanges of
+    4.667 mm and a separate frame. Its taxels are numbered row by row, as in the phalanges of
     :func:`allegro_uskin`. No edge joins the fingers.
 
-    The files number the taxels 1 to 16 of a patch, but do not name their positions. The order row
-    by row is an assumption of this package, up to a rotation or reflection of the patch, which does
-    not change the edges. In the inspected file, taxels 1, 4, 13 and 16, the corners of such a
-    patch, have the four highest counts of :math:`z` at rest.
+    The files number the taxels of a patch from 1 to 16, but do not document their positions. The
+    order row by row is an assumption of this package. A rotation or reflection of the patch would
+    not change the edges. In the inspected file, taxels 1, 4, 13 and 16 (the corners in this order)
+    have the four highest counts of :math:`z` at rest.
 
     Shapes:
         - **pos, normal:** metres and unit vectors, in the frame of each finger :math:`(32, 3)`
@@ -28,12 +28,14 @@ def uskin_gripper() -> TaxelLayout:
 
 
 def uspa44() -> TaxelLayout:
-    r"""XELA's patch uSPa44 of 4 x 4 taxels, earlier XR1844 and XR1944, with positions, numbers and
-    measuring axes of `XELA's public model <https://github.com/mcsix/xela_models>`_.
+    r"""Returns the layout of XELA's uSPa44 patch of 4 x 4 taxels (earlier XR1844 and XR1944), with
+    positions, numbers and measuring axes from `XELA's public model
+    <https://github.com/mcsix/xela_models>`_.
 
-    The origin is that of the model's base. Taxels are numbered row by row: :math:`+x` points to the
-    next taxel of a row, and :math:`-y` to the next row. XELA's maps of the Allegro hand number
-    these patches alike. That the messages of a single patch have this order is an assumption.
+    The origin is the origin of the model's base. Taxels are numbered row by row: :math:`+x` points
+    to the next taxel of a row, and :math:`-y` to the next row. XELA's maps of the Allegro hand use
+    the same numbers for these patches. It is an assumption that messages of a single patch have
+    this order as well.
 
     Shapes:
         - **pos, normal:** metres and unit vectors :math:`(16, 3)`
@@ -47,8 +49,8 @@ def uspa44() -> TaxelLayout:
 
 
 def uspa46() -> TaxelLayout:
-    r"""XELA's patch uSPa46 of 4 rows of 6 taxels, earlier XR1946. Source, frame and order are as in
-    :func:`uspa44`.
+    r"""Returns the layout of XELA's uSPa46 patch of 4 rows of 6 taxels (earlier XR1946). Source,
+    frame and order are as in :func:`uspa44`.
 
     Shapes:
         - **pos, normal:** metres and unit vectors :math:`(24, 3)`

@@ -1,4 +1,4 @@
-r"""Simulators that generate recordings of grasps, squeezes and presses, and a gripper to
+r"""Simulators that generate recordings of grasps, squeezes and presses, and a simulated gripper to
 control.
 """
 

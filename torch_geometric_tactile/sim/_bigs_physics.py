@@ -18,33 +18,33 @@ from torch_geometric_tactile.sim._mujoco import import_mujoco
 BIGS_PHASES = ("closing", "hold", "lift", "shake")
 _TICK = 1.0 / CONTROL_RATE  # s
 _TICKS_PER_FRAME = CONTROL_RATE // FRAME_RATE
-_TOUCH_FORCE = 0.3  # N, at which a finger stops closing
+_TOUCH_FORCE = 0.3  # N; a finger stops closing at this force
 _SQUEEZE_SECONDS = 0.5  # the grip is reached after twice this time
 _FORCE_GAIN = 0.05  # rad per second and newton
 _MAX_FORCE_CONTROL_RATE = 0.4  # rad/s
 _PICKUP_WITHOUT_CONTACT = 1.6  # s until pick-up if no finger touches the object
-_LOSS_DEPTH = 0.03  # m by which an object sinks in the hand until it counts as lost
-_LOSS_SECONDS = 0.1  # time without contact until an object counts as lost
-_SECONDS_AFTER_LOSS = 0.3  # time recorded after the loss
-_NUM_CYCLES = 2  # of the shake in each direction
-_SHAKE_ANGLE = 0.28  # rad, of the shake about x and y
+_LOSS_DEPTH = 0.03  # m; an object that sinks this far in the hand counts as lost
+_LOSS_SECONDS = 0.1  # an object without contact for this time counts as lost
+_SECONDS_AFTER_LOSS = 0.3  # recorded time after the loss
+_NUM_CYCLES = 2  # cycles of the shake in each direction
+_SHAKE_ANGLE = 0.28  # rad; amplitude of the shake about x and y
 
 
 class BigsPhysics(NamedTuple):
-    r"""Forces, poses and phases of a simulated grasp, sampled :obj:`CONTROL_RATE` times a second
-    (:math:`K` ticks). The second dimension of the fields of fingertips is left, middle, right.
+    r"""The forces, poses and phases of a simulated grasp, sampled :obj:`CONTROL_RATE` times per
+    second (:math:`K` ticks). The second dimension of fields with fingertips is left, middle, right.
 
     Shapes:
-        - **force:** forces in newtons of the object on the fingertips, in the frames of the
-          fingertips (x to the end of the finger, y across, z into the pad) :math:`(K, 3, 3)`
+        - **force:** forces in newtons that the object exerts on the fingertips, in the frames of
+          the fingertips (x to the end of the finger, y across, z into the pad) :math:`(K, 3, 3)`
         - **normal:** normal force in newtons :math:`(K, 3)`
         - **shear:** force in newtons in the plane of contact :math:`(K, 3)`
         - **place:** centre of the contact in metres in the frame of the fingertip, zero without
           contact :math:`(K, 3, 3)`
         - **slide:** sliding velocity of the object in metres per second in the frame of the
           fingertip, zero without contact :math:`(K, 3, 3)`
-        - **wrench:** force in newtons and torque in newton metres of the object on the hand, in the
-          frame and about the origin of the hand :math:`(K, 6)`
+        - **wrench:** force in newtons and torque in newton metres that the object exerts on the
+          hand, in the frame and about the origin of the hand :math:`(K, 6)`
         - **finger:** angles of the knuckles in radians :math:`(K, 3)`
         - **hand:** position in metres and roll, pitch and yaw in radians of the hand
           :math:`(K, 6)`
@@ -85,7 +85,7 @@ class BigsPhysics(NamedTuple):
 
 
 class BigsSimulator:
-    r"""Simulates one grasp with three fingertips in MuJoCo.
+    r"""A simulator of one grasp with three fingertips in MuJoCo.
 
     Args:
         grasp (BigsGrasp): The grasp.
@@ -114,8 +114,8 @@ class BigsSimulator:
         self._fingers = np.array([model.joint(name).qposadr[0] for name in FINGERS])
 
     def run(self) -> BigsPhysics:
-        r"""Runs the grasp to the end of the shake, or until shortly after the object is lost, but
-        at least to the end of the input of P3.
+        r"""Runs the grasp until the end of the shake, or until shortly after the object is lost,
+        but at least until the end of the input of P3. Returns the physics of the grasp.
         """
         mujoco, model, data = self._mujoco, self.model, self.data
         start, target = self._place_hand(), np.full(3, OPEN)
@@ -139,7 +139,8 @@ class BigsSimulator:
             rows.append(
                 (data.qpos[self._fingers], data.qpos[hand].copy(), data.qpos[item].copy(), phase)
             )
-            # At every tick, so that contact is noticed at once; at the frame rate after contact.
+            # Before contact, every tick is checked, so that contact is detected immediately. After
+            # contact, the frame rate suffices.
             interval = _TICKS_PER_FRAME if progress.touched.all() else 1
             if tick % interval == 0:
                 self._close_fingers(target, progress, normal, tick, interval * _TICK)
@@ -161,7 +162,7 @@ class BigsSimulator:
         )
 
     def _place_hand(self) -> np.ndarray:
-        # Also opens the fingers. Returns the joint positions of the hand.
+        # Places the hand, opens the fingers, and returns the joint positions of the hand.
         grasp, data = self.grasp, self.data
         roll, pitch, yaw = grasp.turn
         hand_pose = [*grasp.offset, grasp.half_height + grasp.height, yaw, pitch, roll]
@@ -177,14 +178,14 @@ class BigsSimulator:
         tick: int,
         dt: float,
     ) -> None:
-        # Fingers close until they touch; then left and right control their force, and the middle
-        # finger, which opposes both, stays.
+        # Fingers close until they touch. Then the left and right fingers control their force, and
+        # the middle finger, which opposes both, does not move.
         grasp, touched = self.grasp, progress.touched
         has_started = tick * _TICK >= np.array(grasp.delay)
         target += grasp.speed * dt * (~touched & has_started)
         if progress.first_contact is None:
             return
-        # Force control starts when all fingers touch, but waits for a limited time only.
+        # Force control starts when all fingers touch, or after a limited waiting time.
         contact_seconds = (tick - progress.first_contact) * _TICK
         if touched.all() or contact_seconds > _SQUEEZE_SECONDS:
             desired = grasp.grip * np.array([grasp.balance, 1.0, 2.0 - grasp.balance])
@@ -196,7 +197,7 @@ class BigsSimulator:
 
 
 class _GraspProgress:
-    # The ticks of first contact, pick-up and loss, as far as they have occurred.
+    # The ticks of first contact, pick-up and loss, once they have occurred.
     def __init__(self, grasp: BigsGrasp) -> None:
         self.grasp = grasp
         self.touched = np.zeros(3, dtype=bool)
@@ -215,7 +216,7 @@ class _GraspProgress:
         return tick > end or tick - self.pickup >= num_steps
 
     def update(self, tick: int, normal: np.ndarray, height: float) -> None:
-        # `height` is that of the object relative to the hand.
+        # `height` is the height of the object relative to the hand.
         self.touched |= normal > _TOUCH_FORCE
         if self.first_contact is None and self.touched.any():
             self.first_contact = tick
@@ -239,10 +240,10 @@ class _GraspProgress:
 
 
 def _hand_motion(grasp: BigsGrasp) -> np.ndarray:
-    # Displacement of the hand from pick-up to the end of the shake in steps of the physics: x, y, z
-    # in metres, roll, pitch and yaw in radians (K, 6). The hand rises, waits, and is shaken along
-    # x, y, z and about x and y, by two cycles of growing and falling amplitude each. The shake
-    # begins after the end of the input of P3.
+    # The displacement of the hand from pick-up to the end of the shake in steps of the physics:
+    # x, y, z in metres, and roll, pitch and yaw in radians (K, 6). The hand rises, waits, and is
+    # shaken along x, y, z and about x and y. Each shake has two cycles with growing and falling
+    # amplitude. Shaking begins after the end of the input of P3.
     time = np.arange(round(grasp.span * CONTROL_RATE)) / CONTROL_RATE
     motion = np.zeros((len(time), 6))
     s = (time / grasp.lift).clip(0.0, 1.0)
@@ -255,9 +256,9 @@ def _hand_motion(grasp: BigsGrasp) -> np.ndarray:
 
 
 class _FingertipContacts(NamedTuple):
-    r"""Forces, positions and sliding velocities of the contacts in the frames of the fingertips
-    :math:`(K, 3, 3)`, normal force and force in the plane of contact :math:`(K, 3)`, and force and
-    torque on the hand :math:`(K, 6)`.
+    r"""Contacts of the fingertips: forces, positions and sliding velocities in the frames of the
+    fingertips :math:`(K, 3, 3)`, normal force and force in the plane of contact :math:`(K, 3)`, and
+    force and torque on the hand :math:`(K, 6)`.
     """
 
     force: np.ndarray
@@ -269,13 +270,14 @@ class _FingertipContacts(NamedTuple):
 
 
 class _ContactLog:
-    r"""Records the contacts of fingertips and object while a simulation runs."""
+    r"""A log of the contacts between fingertips and object during a simulation."""
 
     def __init__(self, model: Any) -> None:
         self._finger = np.full(model.ngeom, -1)  # finger of each geometry, -1 if none
         self._finger[[model.geom(f"skin_{name}").id for name in FINGERS]] = range(3)
         self._site = np.array([model.site(f"tip_{name}").id for name in FINGERS])
-        # Object first, then fingertips. MuJoCo gives velocities at the centre of mass of a tree.
+        # The object is first, then the fingertips. MuJoCo returns velocities at the centre of mass
+        # of a tree.
         names = ["object", *(f"tip_{name}" for name in FINGERS)]
         self._body = np.array([model.body(name).id for name in names])
         self._hand = model.body("hand").id

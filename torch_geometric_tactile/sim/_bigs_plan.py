@@ -7,12 +7,12 @@ import numpy as np
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sim._bigs_times import INPUT_END, NUM_SHAKE_DIRECTIONS, BigsShape
 
-# All values are plausible, not measured. Grips are calibrated such that as many grasps hold as in
-# the BiGS set.
+# All values are plausible, not measured. Grips are calibrated so that the same share of grasps
+# holds as in the BiGS set.
 _HALF_WIDTH = {"cylinder": (0.036, 0.042), "box": (0.033, 0.039), "ball": (0.036, 0.043)}  # m
 _HALF_HEIGHT = {"cylinder": (0.060, 0.075), "box": (0.033, 0.039), "ball": (0.0, 0.0)}  # m
 _MASS = {"cylinder": (0.32, 0.44), "box": (0.27, 0.37), "ball": (0.24, 0.34)}  # kg
-# m, of the fingertips above the centre of the object
+# Height in metres of the fingertips above the centre of the object.
 _GRASP_HEIGHT = {"cylinder": (-0.025, 0.025), "box": (-0.005, 0.027), "ball": (-0.008, 0.008)}
 _MEDIAN_FRICTION = {"cylinder": 0.60, "box": 0.50, "ball": 0.62}
 _FRICTION_SPREAD = 0.07  # standard deviation of the logarithm
@@ -22,31 +22,31 @@ _GRIP_LIMITS = (1.0, 14.0)  # N
 
 
 class BigsGrasp(NamedTuple):
-    r"""Parameters of a simulated grasp: the object, and the pose, grip and timing of the hand.
+    r"""The parameters of a simulated grasp: the object, and the pose, grip and timing of the hand.
 
     Args:
         shape (str): :obj:`"cylinder"` (upright), :obj:`"box"` or :obj:`"ball"`.
         half_width (float): Half width, or radius, in metres.
         half_height (float): Half height in metres.
         mass (float): Mass in kilograms.
-        friction (float): Friction coefficient of object and fingertips.
-        grip (float): Desired normal force of the left and right finger in newtons.
+        friction (float): Friction coefficient between object and fingertips.
+        grip (float): Target normal force of the left and right fingers in newtons.
         balance (float): Grip of the left finger, relative to the mean of left and right.
         height (float): Height of the fingertips above the centre of the object in metres.
         offset (tuple of float): Horizontal offset x, y of the hand from the object in metres.
         turn (tuple of float): Roll, pitch and yaw of the hand in radians.
-        spread (float): Angle of the left and right finger from the line through the middle one, in
-            radians.
-        bend (tuple of float): Inward bend of the tips of left, middle and right finger in radians.
+        spread (float): Angle in radians between the left and right fingers and the line through the
+            middle finger.
+        bend (tuple of float): Inward bend of the left, middle and right fingertips in radians.
         twist (tuple of float): Rotation of the tips about the axes of the fingers in radians.
         delay (tuple of float): Time at which each finger starts to close, in seconds.
-        speed (float): Speed of closing fingers in radians per second.
+        speed (float): Closing speed of the fingers in radians per second.
         hold (float): Time from the first contact until pick-up begins, in seconds.
         rise (float): Height by which the hand is lifted, in metres.
         lift (float): Duration of the lift in seconds.
         pause (float): Time from pick-up until the shake begins, in seconds.
         shake (float): Amplitude of the shake, in metres.
-        shake_time (float): Length of the shake in one direction, in seconds.
+        shake_time (float): Duration of the shake in one direction, in seconds.
 
     Examples:
         >>> import numpy as np
@@ -81,16 +81,16 @@ class BigsGrasp(NamedTuple):
 
     @property
     def span(self) -> float:
-        r"""Time from pick-up to the end of the shake in seconds."""
+        r"""The time from pick-up to the end of the shake in seconds."""
         return self.pause + NUM_SHAKE_DIRECTIONS * self.shake_time
 
 
 def draw_grasp(shape: BigsShape, rng: np.random.Generator) -> BigsGrasp:
-    r"""Draws the parameters of a random grasp.
+    r"""Returns random parameters of a grasp.
 
     Args:
         shape (str): The object.
-        rng (numpy.random.Generator): Draws the parameters.
+        rng (numpy.random.Generator): The random number generator.
 
     Raises:
         ValueError: If the shape is unknown.

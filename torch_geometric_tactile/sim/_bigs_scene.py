@@ -1,4 +1,4 @@
-r"""A three-fingered hand around an object on a table, for MuJoCo."""
+r"""A MuJoCo scene: a three-fingered hand around an object on a table."""
 
 import math
 
@@ -16,7 +16,7 @@ PAD = (0.016, 0.0075, 0.007)  # m, half axes of the skin, 1 to 3 mm above the el
 OPEN = -0.35  # rad, knuckle of an open finger
 CLOSED = 1.1  # rad, largest angle of a knuckle
 _CONTACT_ANGLE = 0.08  # rad, approximate angle of a knuckle at contact
-_BOX_FINGER_OFFSET = 0.020  # m, of left and right finger from the middle of a box
+_BOX_FINGER_OFFSET = 0.020  # m, offset of the left and right fingers from the middle of a box
 _TORSION = 0.003  # m, friction against turning on a soft fingertip
 _SKIN_TIME = 0.02  # s, time constant of the skin
 _GAIN, _DAMPING, _TORQUE = 40.0, 0.8, 2.5  # of a finger joint: Nm/rad, Nms/rad, Nm
@@ -24,12 +24,12 @@ _ARMATURE = 0.002  # kg m^2, rotor inertia of a finger joint
 
 
 def bigs_mjcf(grasp: BigsGrasp) -> str:
-    r"""Returns a MuJoCo model (MJCF) of three fingers on a freely moving hand, and of the object on
+    r"""Returns a MuJoCo model (MJCF) with three fingers on a freely moving hand, and the object on
     a table.
 
     A finger has one hinge at the knuckle and ends in an ellipsoid of skin. The frame of a fingertip
-    (sites :obj:`tip_left`, :obj:`tip_middle` and :obj:`tip_right`) is that of the layout
-    :obj:`biotac`: x points along the finger to its end, and -z out of the pad.
+    (sites :obj:`tip_left`, :obj:`tip_middle` and :obj:`tip_right`) is the frame of the layout
+    :obj:`biotac`: x points along the finger to its end, and -z points out of the pad.
     """
     joints = "".join(
         f'<joint name="hand_{name}" type="{kind}" axis="{axis}"/>'
@@ -83,7 +83,8 @@ def bigs_mjcf(grasp: BigsGrasp) -> str:
 
 
 def _finger_mjcf(grasp: BigsGrasp, number: int) -> str:
-    # Frame of a finger: x down along the finger, -z in the closing direction, y along the hinge.
+    # The frame of a finger has x down along the finger, -z in the closing direction, and y along
+    # the hinge.
     direction, contact = _closing_direction(grasp, number)
     base = contact - direction * (PAD[2] + FINGER_LENGTH * math.sin(_CONTACT_ANGLE))
     lateral = np.cross([-direction[0], -direction[1], 0.0], [0.0, 0.0, -1.0])

@@ -1,4 +1,4 @@
-r"""Onset of the slip in grasps that lose the object."""
+r"""The onset of slip in grasps that lose the object."""
 
 import numpy as np
 
@@ -14,11 +14,11 @@ def slip_onset(physics: BigsPhysics) -> int | None:
     held.
 
     In a grasp that loses the object, the onset is the start of the first slide that moves the
-    object by more than 3 mm, at two fingertips or more, from its position at the start of pick-up.
-    A slide starts at the tick from which on the speed stays above 5 mm/s. Sliding is the relative
-    velocity of object and fingertip in the plane of contact, summed while they touch: neither the
-    elasticity of the skin nor motion during the squeeze counts. If no slide is that long, the onset
-    is the loss. A successful grasp has no onset, although the object may slide in it.
+    object by more than 3 mm, at two or more fingertips, from its position at the start of pick-up.
+    A slide starts when the speed begins to stay above 5 mm/s. Sliding is the relative velocity of
+    the object and the fingertip in the plane of contact, summed while they touch. The elasticity of
+    the skin and motion during the squeeze do not count. If no slide is long enough, the onset is
+    the loss. A successful grasp has no onset, even if the object slides.
 
     Args:
         physics (BigsPhysics): The grasp.
@@ -44,5 +44,5 @@ def slip_onset(physics: BigsPhysics) -> int | None:
 
 
 def _median_finger(values: np.ndarray) -> np.ndarray:
-    # Of three fingers, two or more exceed a threshold if and only if the median exceeds it.
+    # At least two of three fingers exceed a threshold if and only if the median exceeds it.
     return np.sort(values, axis=1)[:, 1]

@@ -10,7 +10,7 @@ from torch_geometric_tactile.sensors import TaxelLayout
 _GRAVITY = 9.81
 _REST = 3000.0  # counts
 _GAIN = 260.0  # counts per newton at the centre of a contact
-_SATURATION = 2200.0  # counts, largest fall of a reading
+_SATURATION = 2200.0  # counts; largest decrease of a reading
 _NOISE = 12.0  # counts
 
 
@@ -18,7 +18,7 @@ class SimulatedGrasps(NamedTuple):
     r"""Readings and labels of generated grasps.
 
     Shapes:
-        - **reading:** counts of :math:`N` electrodes of :math:`K` fingers :math:`(S, N, K)`
+        - **reading:** counts of :math:`N` electrodes on :math:`K` fingers :math:`(S, N, K)`
         - **slipped:** 1 if the grasp slipped, else 0 :math:`(S,)`
         - **group:** index of the object :math:`(S,)`
         - **session:** index of the recording session :math:`(S,)`
@@ -47,15 +47,15 @@ def simulate_grasps(
     seed: int = 0,
     pose_seed: int | None = None,
 ) -> SimulatedGrasps:
-    r"""Generates static readings of grasps that hold or slip, like those of electrodes under a
+    r"""Returns generated static readings of grasps that hold or slip, as from electrodes under a
     fluid-filled skin. The model is for tests and demonstrations; its constants are plausible, not
     measured.
 
-    Each object has a mass, a friction coefficient and a curvature; each grasp has a normal force
+    Each object has a mass, a friction coefficient and a curvature. Each grasp has a normal force
     and a contact position for every finger. A grasp slips if friction cannot carry the weight; the
-    labels contain some noise. A contact lowers the readings of near electrodes, over a larger area
-    for flatter objects, and its centre moves with the shear of the load. Offset and gain of every
-    electrode differ between sessions.
+    labels contain some noise. A contact lowers the readings of nearby electrodes, over a larger
+    area for flatter objects. Its centre moves with the shear of the load. The offset and the gain
+    of every electrode differ between sessions.
 
     Args:
         layout (TaxelLayout): The fingertip.
@@ -63,7 +63,7 @@ def simulate_grasps(
         grasps_per_object (int): Number of grasps of each object, spread over the sessions.
         sessions (int): Number of recording sessions.
         num_fingers (int): Number of fingers :math:`K`.
-        seed (int): Seed of all draws.
+        seed (int): Seed of all random numbers.
         pose_seed (int, optional): Seed of the pose of the hand in each session, which determines
             the contact positions (default: :obj:`seed`).
 

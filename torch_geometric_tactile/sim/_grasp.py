@@ -1,4 +1,4 @@
-r"""A grasp of the simulated hand: plan, physics and forces."""
+r"""A grasp with the simulated hand: plan, physics and forces."""
 
 from typing import Any, NamedTuple
 
@@ -25,14 +25,14 @@ PHASES = ("hover", "reach", "close", "squeeze", "lift", "hold")
 _SCHEDULE = ((1.2, 2.2), (2.0, 3.0), (2.2, 3.2), (0.6, 1.4), (1.8, 2.6))
 _FULL_LENGTH = 17.0  # s
 _SQUEEZE_ANGLES = (0.0, 0.10, 0.10, 0.10) * 3 + (0.0, 0.0, 0.10, 0.10)  # rad
-_MIN_LIFT = 0.05  # m, from which an object counts as lifted
+_MIN_LIFT = 0.05  # m; at this height an object counts as lifted
 
 
 class GraspPlan(NamedTuple):
-    r"""A planned grasp: the target pose of palm and fingers every :obj:`step` seconds.
+    r"""A planned grasp: the target pose of the palm and the fingers every :obj:`step` seconds.
 
     Shapes:
-        - **gantry:** x, y and z in metres and yaw in radians of the palm :math:`(K, 4)`
+        - **gantry:** position x, y, z in metres and yaw in radians of the palm :math:`(K, 4)`
         - **joint:** target angles of the joints in radians :math:`(K, 16)`
         - **phase:** indices into :obj:`PHASES` :math:`(K,)`
 
@@ -55,7 +55,8 @@ class GraspPlan(NamedTuple):
         return PHASES
 
     def gives_up(self, tick: int, moved: np.ndarray) -> bool:
-        r"""Returns whether the attempt has failed: the object is not lifted in the last phase.
+        r"""Returns whether the attempt has failed, because the object is not lifted in the last
+        phase.
 
         Args:
             tick (int): Index of the step.
@@ -65,7 +66,8 @@ class GraspPlan(NamedTuple):
         return bool(self.phase[tick] == len(PHASES) - 1 and moved[2] < _MIN_LIFT)
 
     def is_done(self, phase: np.ndarray, force: np.ndarray, layout: TaxelLayout) -> bool:
-        r"""Returns whether an attempt that ran to its end is a success; a grasp always is.
+        r"""Returns whether an attempt that ran to its end is a success. A grasp is always a
+        success.
 
         Args:
             phase (numpy.ndarray): The phases of the frames :math:`(T,)`.
@@ -76,16 +78,16 @@ class GraspPlan(NamedTuple):
 
 
 class GraspResult(NamedTuple):
-    r"""Recorded forces, joint angles and poses of a simulated grasp, and its success.
+    r"""The recorded forces, joint angles and poses of a simulated grasp, and its success.
 
     Shapes:
-        - **time:** seconds :math:`(T,)`
+        - **time:** time in seconds :math:`(T,)`
         - **joint:** joint angles in radians :math:`(T, 16)`
         - **force:** forces without noise in newtons, in the frames of the taxels: shear that the
-          object exerts along :math:`x` and :math:`y`, and pressure :math:`z`, positive for a
-          pressing object :math:`(T, N, 3)`
+          object exerts along :math:`x` and :math:`y`, and pressure :math:`z`, which is positive if
+          the object presses :math:`(T, N, 3)`
         - **bone_force:** sum of the normal forces on the bones in newtons :math:`(T,)`
-        - **support:** force in newtons of the hand on the object, in the world frame
+        - **support:** force in newtons that the hand exerts on the object, in the world frame
           :math:`(T, 3)`
         - **object_pose, palm_pose:** positions and quaternions :math:`(T, 7)`
         - **phase:** indices into the phases of the plan :math:`(T,)`
@@ -119,18 +121,19 @@ def plan_grasp(
     step: float = 0.01,
     spread: GraspSpread | None = None,
 ) -> GraspPlan:
-    r"""Plans a grasp from above. Like an operator who only sees the object, the plan depends on its
-    size, but not on its mass, friction and softness.
+    r"""Returns the plan of a grasp from above. The plan depends on the size of the object, but not
+    on its mass, friction and softness, as for an operator who only sees the object.
 
     Args:
         size (tuple of float): Full extent of the object in metres.
-        rng (numpy.random.Generator): Draws durations, alignment errors and tremor.
-        duration (float): Length of the trial in seconds; the phases are scaled with it.
+        rng (numpy.random.Generator): The random number generator for durations, alignment
+            errors and tremor.
+        duration (float): Duration of the trial in seconds. The phases are scaled accordingly.
         step (float): Time between targets in seconds.
         spread (GraspSpread, optional): Size of the alignment errors.
 
     Raises:
-        ValueError: If the step is not positive, or longer than the trial.
+        ValueError: If the step is not positive or is longer than the trial.
 
     Examples:
         >>> plan = plan_grasp((0.07, 0.1, 0.06), np.random.default_rng(0), duration=5.0, step=0.02)
@@ -152,7 +155,7 @@ def plan_grasp(
 
 
 class GraspSimulator:
-    r"""Simulates grasps of one object with an Allegro hand in MuJoCo.
+    r"""A simulator of grasps of one object with an Allegro hand in MuJoCo.
 
     Args:
         layout (TaxelLayout): The taxels.
@@ -187,7 +190,7 @@ class GraspSimulator:
         mjcf = grasp_mjcf(layout, kinematics, item, parameters)
         self.model = model = self._mujoco.MjModel.from_xml_string(mjcf)
         self.data = self._mujoco.MjData(model)
-        # Taxel of each geometry: -1 for a bone, -2 for other geometries.
+        # The taxel of each geometry: -1 for a bone, -2 for other geometries.
         self._taxel = np.full(model.ngeom, -2)
         self._body = np.empty(layout.num_taxels, dtype=int)
         for i in range(model.ngeom):
@@ -208,8 +211,8 @@ class GraspSimulator:
         self._palm = model.body(kinematics.link_names[0]).id
 
     def forces(self) -> tuple[np.ndarray, float, np.ndarray]:
-        r"""Returns the current forces on the taxels :math:`(N, 3)`, the sum of normal forces on the
-        bones, and the force of the hand on the object :math:`(3,)`, all in newtons.
+        r"""Returns the current forces in newtons: the forces on the taxels :math:`(N, 3)`, the sum
+        of the normal forces on the bones, and the force of the hand on the object :math:`(3,)`.
         """
         taxel_force, bone_force = np.zeros((self.layout.num_taxels, 3)), 0.0
         support = np.zeros(3)
@@ -238,11 +241,12 @@ class GraspSimulator:
         return taxel_force, bone_force, support
 
     def run(self, plan: GraspPlan, rate: float = 100.0) -> GraspResult:
-        r"""Runs a plan. Stops early if the attempt fails, such as for an object that falls.
+        r"""Runs a plan and returns the result. Stops early if the attempt fails, for example if the
+        object falls.
 
         Args:
-            plan (GraspPlan): The targets of palm and fingers.
-            rate (float): Frames recorded per second.
+            plan (GraspPlan): The targets of the palm and the fingers.
+            rate (float): Number of recorded frames per second.
 
         Raises:
             ValueError: If a frame is not a whole number of steps of the plan, or a step of the plan

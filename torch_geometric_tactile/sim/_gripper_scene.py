@@ -1,4 +1,4 @@
-r"""A parallel gripper with two pads of elastic taxels around a box on a table, for MuJoCo."""
+r"""A MuJoCo scene: a parallel gripper with two pads of elastic taxels around a box on a table."""
 
 from functools import cache
 
@@ -34,12 +34,12 @@ def default_pad() -> TaxelLayout:
 
 
 def pad_positions(pad: TaxelLayout) -> np.ndarray:
-    r"""Returns the taxels of a pad relative to its middle in metres: sideways and upwards
-    :math:`(N, 2)`. The columns of the pad are upright.
+    r"""Returns the positions of the taxels of a pad relative to its middle, in metres: sideways and
+    upwards :math:`(N, 2)`. The columns of the pad are upright.
 
     Raises:
-        ValueError: If the taxels are not in one plane with normals along :math:`z`, or the pad is
-            higher than the object.
+        ValueError: If the taxels are not in one plane with normals along :math:`z`, or if the pad
+            is higher than the object.
     """
     pos = pad.pos.double()
     axes = pad.axes(torch.double)
@@ -47,21 +47,21 @@ def pad_positions(pad: TaxelLayout) -> np.ndarray:
         axes, torch.eye(3, dtype=torch.double).expand_as(axes), atol=1e-6
     ):
         raise ValueError(
-            "'pad' must be flat, with the axes x, y and z for all taxels, as that of grid(4, 4, "
+            "'pad' must be flat, with the axes x, y and z for all taxels, such as grid(4, 4, "
             f"0.005) (got '{pad.name}')"
         )
     plane = pos[:, :2].numpy()
     if np.ptp(plane[:, 1]) > MAX_PAD_HEIGHT:
         raise ValueError(
-            f"'pad' must be at most {MAX_PAD_HEIGHT} m high, as the object is {OBJECT_HEIGHT} m "
-            f"high and stands on a foot (got {np.ptp(plane[:, 1]):.4f} m)"
+            f"'pad' must be at most {MAX_PAD_HEIGHT} m high, because the object is {OBJECT_HEIGHT} "
+            f"m high and stands on a foot (got {np.ptp(plane[:, 1]):.4f} m)"
         )
     middle: np.ndarray = (plane.min(axis=0) + plane.max(axis=0)) / 2
     return plane - middle
 
 
 def _crown_height(position: np.ndarray) -> np.ndarray:
-    r"""Returns how far each taxel stands behind the middle of the crowned pad, in metres
+    r"""Returns the distance in metres of each taxel behind the middle of the crowned pad
     :math:`(N,)`.
     """
     height: np.ndarray = (position**2).sum(axis=1) / (2 * _CROWN_RADIUS)
@@ -69,17 +69,17 @@ def _crown_height(position: np.ndarray) -> np.ndarray:
 
 
 def normal_forces(position: np.ndarray, squeeze: float) -> np.ndarray:
-    r"""Returns the normal force of each taxel that touches a flat face in newtons :math:`(N,)`.
+    r"""Returns the normal force, in newtons, on each taxel that touches a flat face :math:`(N,)`.
 
     Args:
         position (numpy.ndarray): The taxels in the plane of the pad in metres :math:`(N, 2)`.
-        squeeze (float): Their sum in newtons.
+        squeeze (float): Sum of the normal forces in newtons.
     """
     height = _crown_height(position)
     level = np.sort(height)
     num_taxels = np.arange(1, len(level) + 1)
-    # Depth of the face if exactly the first k taxels touch; the largest depth below the next
-    # taxel's height is the solution.
+    # The depth of the face if exactly the first k taxels touch. The solution is the largest depth
+    # below the height of the next taxel.
     depth = (squeeze / NORMAL_STIFFNESS + np.cumsum(level)) / num_taxels
     k = np.flatnonzero(depth > level)[-1]
     forces: np.ndarray = NORMAL_STIFFNESS * (depth[k] - height).clip(min=0)
@@ -89,20 +89,20 @@ def normal_forces(position: np.ndarray, squeeze: float) -> np.ndarray:
 def gripper_mjcf(pad: TaxelLayout, item: LiftObject, gap: float) -> str:
     r"""Returns a MuJoCo model (MJCF) of the gripper around an object on a table.
 
-    The gripper closes along the :math:`x` axis of the world, :math:`y` is sideways and :math:`z`
-    upwards. Each taxel is a small sphere on three springs (joints :obj:`left_0_x`,
+    The gripper closes along the :math:`x` axis of the world; :math:`y` points sideways and
+    :math:`z` upwards. Each taxel is a small sphere on three springs (joints :obj:`left_0_x`,
     :obj:`left_0_y`, :obj:`left_0_z`, ...), two along the axes of the taxel and one into the pad.
 
     Args:
         pad (TaxelLayout): The taxels of each pad.
         item (LiftObject): The object.
-        gap (float): Distance of the pads from the object in metres.
+        gap (float): Distance between each pad and the object in metres.
     """
     position, half_width, half_height = pad_positions(pad), item.width / 2, OBJECT_HEIGHT / 2
     foot, foot_height = max(item.breadth, _FOOT_BREADTH), _FOOT_HEIGHT / 2
     fingers = "".join(_finger_mjcf(name, position, half_width + gap) for name in FINGERS)
     # Without noslip, an object at rest creeps. With a stiffer contact (solimp 0.99), slow slides
-    # are jerky, and the object slips at 10 % more squeeze than friction needs.
+    # are jerky, and the object slips at 10 % more squeeze than friction requires.
     slide = f"{item.friction!r} {item.friction!r} 0.001 0.0001 0.0001"
     pairs = "".join(
         f'<pair geom1="{name}_{i}" geom2="object" condim="3" friction="{slide}" '
@@ -158,7 +158,7 @@ def _finger_mjcf(name: str, position: np.ndarray, distance: float) -> str:
 
 
 def _taxel_mjcf(name: str, side: int, place: np.ndarray, height: float) -> str:
-    # x of a taxel points to the next column, so that z points out of the pad on both sides.
+    # The x axis of a taxel points to the next column, so that z points out of both pads.
     pos = _join_numbers(-side * (TIP_RADIUS + height), side * place[0], place[1])
     joints = "".join(
         f'<joint name="{name}_{key}" type="slide" axis="{axis}" stiffness="{stiffness}" '

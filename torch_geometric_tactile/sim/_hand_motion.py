@@ -1,4 +1,4 @@
-r"""Motion of the palm and fingers of the simulated hand: smooth paths, postures, tremor."""
+r"""The motion of the palm and fingers of the simulated hand: smooth paths, postures, tremor."""
 
 from collections.abc import Sequence
 
@@ -7,11 +7,11 @@ import numpy as np
 from torch_geometric_tactile.sim.hand_model import STAND
 from torch_geometric_tactile.sim.spread import GraspSpread
 
-_PALM_SKIN_HEIGHT = 0.016  # m, of the palm's skin above the origin of the palm
-_HOVER_HEIGHT = 0.10  # m, of the palm above the object before it reaches
-_REACH_HEIGHT = 0.030  # m, of the palm above the object after it has reached
-_PRESS_DEPTH = 0.001  # m, by which the palm presses on the object after closing
-_THUMB_POSITION = -0.030  # m, of the thumb relative to the palm's origin, along the fingers
+_PALM_SKIN_HEIGHT = 0.016  # m; height of the palm's skin above the origin of the palm
+_HOVER_HEIGHT = 0.10  # m; height of the palm above the object before the reach
+_REACH_HEIGHT = 0.030  # m; height of the palm above the object after the reach
+_PRESS_DEPTH = 0.001  # m; the palm presses this far into the object after closing
+_THUMB_POSITION = -0.030  # m; position of the thumb along the fingers, from the palm's origin
 _OPEN = (0.0, 0.30, 0.15, 0.10) * 3 + (1.30, 0.80, 0.00, 0.00)
 _CLOSED = (0.0, 1.25, 1.10, 0.90) * 3 + (1.35, 0.80, 0.75, 0.80)
 JOINT_TREMOR = 0.008  # rad
@@ -24,22 +24,23 @@ def draw_phases(
     duration: float,
     step: float,
 ) -> tuple[np.ndarray, np.ndarray, list[np.ndarray], float]:
-    r"""Draws the durations of the phases of a trial.
+    r"""Returns random phases of a trial.
 
     Args:
         schedule (sequence of tuple): Shortest and longest duration of each phase except the last,
-            in seconds of a trial of :obj:`full_length`.
-        full_length (float): Length in seconds of the trial of the schedule.
-        rng (numpy.random.Generator): Draws the durations.
-        duration (float): Length of the trial in seconds.
+            in seconds, for a trial of :obj:`full_length`.
+        full_length (float): Duration of the trial in the schedule, in seconds.
+        rng (numpy.random.Generator): The random number generator.
+        duration (float): Duration of the trial in seconds.
         step (float): Time between targets in seconds.
 
     Returns:
-        The times of all targets and their phases :math:`(K,)`, the progress of each phase except
-        the last from 0 to 1, each :math:`(K,)`, and the start of the last phase, in seconds.
+        The times of all targets in seconds :math:`(K,)`, their phases :math:`(K,)`, the progress
+        from 0 to 1 of each phase except the last, each :math:`(K,)`, and the start of the last
+        phase in seconds.
 
     Raises:
-        ValueError: If the step is not positive, or longer than the trial.
+        ValueError: If the step is not positive or is longer than the trial.
     """
     if not 0 < step <= duration:
         raise ValueError(f"'step' must be positive and below 'duration' (got {step}, {duration})")
@@ -83,19 +84,21 @@ def palm_path(
 
 
 def draw_postures(rng: np.random.Generator, spread: GraspSpread) -> tuple[np.ndarray, np.ndarray]:
-    r"""Draws the joint angles of the open and of the closed hand in radians, each :math:`(16,)`."""
+    r"""Returns random joint angles of the open and the closed hand in radians, each
+    :math:`(16,)`.
+    """
     open_hand = np.array(_OPEN) + rng.normal(0.0, spread.open_posture, 16)
     return open_hand, np.array(_CLOSED) + rng.normal(0.0, spread.posture, 16)
 
 
 def minimum_jerk_step(progress: np.ndarray) -> np.ndarray:
-    r"""Returns a step from 0 to 1 of minimum jerk, as :obj:`progress` goes from 0 to 1."""
+    r"""Returns a minimum-jerk step from 0 to 1 while :obj:`progress` goes from 0 to 1."""
     s = progress.clip(0.0, 1.0)
     return s**3 * (10 - 15 * s + 6 * s**2)
 
 
 def tremor(rng: np.random.Generator, step: float, shape: tuple[int, int], sd: float) -> np.ndarray:
-    r"""Draws the tremor of an operator's hand: noise of standard deviation :obj:`sd` with a
+    r"""Returns the tremor of an operator's hand: noise with standard deviation :obj:`sd` and a
     correlation time of a fifth of a second.
     """
     decay = np.exp(-step / 0.2)

@@ -1,4 +1,4 @@
-r"""Import of the optional dependency MuJoCo."""
+r"""Imports the optional dependency MuJoCo."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ def import_mujoco() -> Any:
     r"""Returns the module :obj:`mujoco`.
 
     Raises:
-        ImportError: If MuJoCo is missing; the message has the command that installs it.
+        ImportError: If MuJoCo is missing. The message contains the command that installs it.
     """
     try:
         import mujoco

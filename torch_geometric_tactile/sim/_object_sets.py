@@ -6,7 +6,7 @@ from pathlib import Path
 from torch_geometric_tactile.sim.drawn_objects import NUM_DRAWN, drawn_objects
 from torch_geometric_tactile.sim.objects import GraspObject, control8, paper8, twenty
 
-#: Functions that return the sets of objects of :func:`simulate`, by name.
+#: Functions that return the sets of objects for :func:`simulate`, by name.
 OBJECT_SETS: dict[str, Callable[[], list[GraspObject]]] = {
     "paper8": paper8,
     "control8": control8,
@@ -21,15 +21,14 @@ def object_set(
     r"""Returns the name and the objects of a set of objects to grasp.
 
     Args:
-        objects (str or sequence of GraspObject): Name of the set, or objects of your own with
+        objects (str or sequence of GraspObject): Name of the set, or your own objects with
             different names.
-        num_objects (int, optional): Number of objects of :obj:`"shapes"`.
-        seed (int): Seed of the objects of :obj:`"shapes"`.
+        num_objects (int, optional): Number of objects in :obj:`"shapes"`.
+        seed (int): Seed of the objects in :obj:`"shapes"`.
 
     Raises:
-        ValueError: If the set is unknown or empty, two objects have the same name, a name cannot be
-            the name of a file, or :obj:`num_objects` is given for a set other than
-            :obj:`"shapes"`.
+        ValueError: If the set is unknown or empty, if names are not unique or not valid file names,
+            or if :obj:`num_objects` is given for a set other than :obj:`"shapes"`.
 
     Examples:
         >>> name, objects = object_set("shapes", num_objects=2)

@@ -9,16 +9,18 @@ from torch import Tensor
 
 from torch_geometric_tactile.sensors import TaxelLayout
 
-CELL = 0.00025  # m, side of the cells in which the pressure is constant
+CELL = 0.00025  # m; side of the cells in which the pressure is constant
 
 
 @dataclass(frozen=True, eq=False)
 class FieldSampling:
-    r"""Weights of the pressure on each cell of the surface in the reading of each pixel.
+    r"""The weights with which the pressure on each cell of the surface contributes to the reading
+    of each pixel.
 
-    Weights are products of one factor along :math:`x` and one along :math:`y`: :obj:`weights` has
-    such a pair for each Gaussian of the layer, and :obj:`index` the column and row of each pixel in
-    the factors. :obj:`low` and :obj:`high` are the corners of the surface in metres.
+    A weight is the product of a factor along :math:`x` and a factor along :math:`y`.
+    :obj:`weights` has a pair of factors for each Gaussian of the layer, and :obj:`index` has the
+    column and row of each pixel in the factors. :obj:`low` and :obj:`high` are the corners of the
+    surface in metres.
     """
 
     low: np.ndarray
@@ -29,8 +31,8 @@ class FieldSampling:
     def cells_in_box(
         self, low: np.ndarray, high: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, tuple[slice, slice]]:
-        r"""Returns the centres of the cells that a box touches, along :math:`x` and along
-        :math:`y`, and the slices of the cells along both axes.
+        r"""Returns the centres of the cells that a box touches along :math:`x` and along :math:`y`,
+        and the slices of the cells along both axes.
         """
         centres, slices = [], []
         for axis in range(2):
@@ -46,12 +48,12 @@ class FieldSampling:
         r"""Returns the mean pressure on the square of each pixel.
 
         Shapes:
-            - **field:** pressure on the cells in the slices :obj:`cells`, rows along :math:`y`
+            - **field:** pressure on the cells in the slices :obj:`cells`, with rows along :math:`y`
             - **output:** :math:`(N,)`
         """
         pressure = np.zeros(len(self.index[0]))
         for along_x, along_y in self.weights:
-            # Without BLAS, because the last bit of its sums may depend on its number of threads.
+            # BLAS is not used: the last bit of its sums may depend on the number of threads.
             rows = np.einsum("yf,fg->yg", along_y[:, cells[1]], field)
             pressure += np.einsum("ng,ng->n", rows[self.index[1]], along_x[self.index[0], cells[0]])
         return pressure
@@ -70,13 +72,14 @@ def field_sampling(
         layout (TaxelLayout): The pixels.
         sensel (float): Side of the square of a pixel in metres.
         lengths (tuple of float): Standard deviations of the Gaussians in metres.
-        parts (tuple of float): Parts of the pressure that they spread.
+        parts (tuple of float): Part of the pressure that each Gaussian spreads.
     """
     pos = layout.pos.double()[:, :2]
     low, high = pos.amin(dim=0), pos.amax(dim=0)
     distances, index = [], []
     for axis in range(2):
-        # Pixels of a regular array share few coordinates, so weights are computed once for each.
+        # Pixels of a regular array share few coordinates, so weights are computed once per
+        # coordinate.
         coordinates, coordinate_index = pos[:, axis].unique(return_inverse=True)
         num_cells = int(torch.ceil((high[axis] - low[axis]) / CELL - 1e-6))
         cells = low[axis] + (torch.arange(num_cells, dtype=torch.double) + 0.5) * CELL
@@ -91,7 +94,7 @@ def field_sampling(
 
 
 def _weights(distance: Tensor, sensel: float, length: float) -> np.ndarray:
-    # The integral of a Gaussian over the pixel and the cell, by its second antiderivative.
+    # The integral of a Gaussian over the pixel and the cell, from its second antiderivative.
     outer, inner = (sensel + CELL) / 2, (sensel - CELL) / 2
     total = _second_antiderivative(distance + outer, length) - _second_antiderivative(
         distance + inner, length
@@ -103,7 +106,7 @@ def _weights(distance: Tensor, sensel: float, length: float) -> np.ndarray:
 
 
 def _second_antiderivative(x: Tensor, length: float) -> Tensor:
-    # Of a Gaussian of standard deviation `length`, a delta function if it is 0.
+    # For a Gaussian with standard deviation `length`, which is a delta function if `length` is 0.
     if length == 0:
         return x.clamp(min=0)
     t = x / length

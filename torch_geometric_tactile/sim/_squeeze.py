@@ -1,4 +1,4 @@
-r"""Repeated squeezes of an object by the simulated hand, without a lift."""
+r"""Repeated squeezes of an object with the simulated hand, without a lift."""
 
 import numpy as np
 
@@ -25,16 +25,16 @@ _MIN_SQUEEZES, _MAX_SQUEEZES = 3, 5
 _RELEASE_LEVELS, _PEAK_LEVELS = (0.65, 0.92), (0.95, 1.2)  # 1 is the closed posture
 _DELAY_SPREAD = 0.06  # standard deviation of the delay of a finger, relative to a squeeze
 _DEPTH_SPREAD = 0.06  # standard deviation of the relative depth of a finger
-_MAX_FALL, _MAX_SHIFT = 0.02, 0.06  # m, of an object that is still in the hand
-_MIN_PRESSURE = 0.05  # N, from which a digit presses
+_MAX_FALL, _MAX_SHIFT = 0.02, 0.06  # m; limits for an object that is still in the hand
+_MIN_PRESSURE = 0.05  # N; a digit with a larger force presses
 
 
 class SqueezePlan(GraspPlan):
-    r"""Planned squeezes without a lift: the target pose of palm and fingers every :obj:`step`
-    seconds.
+    r"""A plan of squeezes without a lift: the target pose of the palm and the fingers every
+    :obj:`step` seconds.
 
-    Its fields are those of :class:`GraspPlan`, with indices into :obj:`SQUEEZE_PHASES` in
-    :obj:`phase`.
+    The fields are the same as in :class:`GraspPlan`, but :obj:`phase` contains indices into
+    :obj:`SQUEEZE_PHASES`.
 
     Examples:
         >>> plan = plan_squeeze((0.07, 0.1, 0.06), np.random.default_rng(0))
@@ -50,7 +50,7 @@ class SqueezePlan(GraspPlan):
         return SQUEEZE_PHASES
 
     def gives_up(self, tick: int, moved: np.ndarray) -> bool:
-        r"""Returns whether the object has fallen off its stand, or has left the hand.
+        r"""Returns whether the object has fallen off its stand or left the hand.
 
         Args:
             tick (int): Index of the step.
@@ -85,17 +85,18 @@ def plan_squeeze(
     step: float = 0.01,
     spread: GraspSpread | None = None,
 ) -> SqueezePlan:
-    r"""Plans three to five squeezes of an object on its stand, which the hand reaches from above
-    and does not lift, after the "Morphology-Specific Convolutional Neural Networks for Tactile
-    Object Recognition with a Multi-Fingered Hand" paper: "a repeated squeezing motion of an object
-    in an unknown pose within the hand". Duration and depth of each squeeze, the opening after it,
-    and the delay and relative depth of each finger are random.
+    r"""Returns a plan of three to five squeezes of an object on its stand. The hand reaches the
+    object from above and does not lift it. The motion follows the "Morphology-Specific
+    Convolutional Neural Networks for Tactile Object Recognition with a Multi-Fingered Hand" paper:
+    "a repeated squeezing motion of an object in an unknown pose within the hand". The duration and
+    depth of each squeeze, the opening after it, and the delay and relative depth of each finger are
+    random.
 
     Args:
         size (tuple of float): Full extent of the object in metres.
-        rng (numpy.random.Generator): Draws all random numbers.
-        duration (float): Length of the trial in seconds; the phases are scaled with it. In a trial
-            of 10 s, the squeezes take at least 8.35 s, 250 steps at 30 Hz.
+        rng (numpy.random.Generator): The random number generator.
+        duration (float): Duration of the trial in seconds. The phases are scaled accordingly. In a
+            trial of 10 s, the squeezes take at least 8.35 s, or 250 steps at 30 Hz.
         step (float): Time between targets in seconds.
         spread (GraspSpread, optional): Variation between grasps.
 
@@ -130,7 +131,7 @@ def plan_squeeze(
 def _draw_squeezes(
     rng: np.random.Generator, start: float, end: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    # Times and levels at which the hand is released and squeezed in turn.
+    # Returns the times and levels at which the hand alternately releases and squeezes.
     num_squeezes = int(rng.integers(_MIN_SQUEEZES, _MAX_SQUEEZES + 1))
     times, levels = np.empty(2 * num_squeezes + 1), np.empty(2 * num_squeezes + 1)
     durations = rng.dirichlet(np.full(num_squeezes, 8.0))

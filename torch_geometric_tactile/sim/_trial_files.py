@@ -1,5 +1,5 @@
-r"""Runs of simulated trials on several processes, with one file per trial. Trials whose file exists
-are not simulated again.
+r"""Runs simulated trials on several processes, with one file per trial. If the file of a trial
+exists, the trial is not simulated again.
 """
 
 import json
@@ -27,7 +27,7 @@ class SimulatedTrial(ABC, Generic[_Report]):
     @property
     @abstractmethod
     def path(self) -> Path:
-        r"""Path of the file of the trial."""
+        r"""The path of the file of the trial."""
 
     @abstractmethod
     def simulate(self) -> _Report:
@@ -53,10 +53,10 @@ def require_simulator(feature: str) -> None:
     r"""Checks that MuJoCo and h5py are installed.
 
     Args:
-        feature (str): The feature that needs them, named in the message.
+        feature (str): The feature that needs them. The message names it.
 
     Raises:
-        ImportError: If one is missing; the message has the command that installs it.
+        ImportError: If a package is missing. The message contains the command that installs it.
     """
     for package in ("mujoco", "h5py"):
         if find_spec(package) is None:
@@ -71,8 +71,8 @@ def run_trials(
     jobs: int,
     summarize: Callable[[list[_Report]], dict[str, Any]] | None = None,
 ) -> Generator[_Report, None, None]:
-    r"""Simulates the trials whose files are missing and yields the report of each trial, those of
-    existing files first.
+    r"""Simulates the trials whose files are missing and yields the report of each trial. Reports of
+    trials with existing files come first.
 
     Args:
         trials (sequence of SimulatedTrial): The trials.
@@ -95,7 +95,7 @@ def run_trials(
                 reports.append(report)
                 yield report
     finally:
-        # Killed workers, of this or an earlier run, leave incomplete temporary files.
+        # Killed workers of this or an earlier run leave incomplete temporary files.
         for trial in trials:
             remove_leftovers(trial.path)
     if summarize is not None:
@@ -117,13 +117,13 @@ def finished_metadata(
         defaults (dict, optional): Arguments that files of earlier versions do not contain.
 
     Raises:
-        ValueError: If the file was made with other arguments.
+        ValueError: If the file was written with other arguments.
     """
     meta = {**(defaults or {}), **read_hdf5_head(path).meta}
     for key, expected in identity.items():
         if meta.get(key) != expected:
             raise ValueError(
-                f"'{path}' was made with another '{key}' ({meta.get(key)}, not {expected}); "
+                f"'{path}' was written with another '{key}' ({meta.get(key)}, not {expected}); "
                 "choose another folder or delete the file"
             )
     return meta

@@ -1,4 +1,4 @@
-r"""Readings of the electrodes and the pressure sensor of a fluid-filled fingertip from forces."""
+r"""Computes the readings of the electrodes and the pressure sensor of a fluid-filled fingertip."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,17 +8,17 @@ import numpy as np
 from torch_geometric_tactile._checks import need
 from torch_geometric_tactile.sensors import TaxelLayout
 
-_MAX_COUNT = 4095  # of 12 bits
+_MAX_COUNT = 4095  # largest 12-bit count
 _REST = 3000.0  # counts of an electrode without contact
 _PRESSURE_REST = 1800.0  # counts of the pressure sensor without contact
 _SKIN_RADIUS = 0.007  # m
-_FLUID_DEPTH = 0.002  # m, from an electrode to the skin above it
+_FLUID_DEPTH = 0.002  # m from an electrode to the skin above it
 _MAX_DRAG = 0.003  # m
 
 
 class SessionOffsets(NamedTuple):
-    r"""Offsets and gains of one recording session: rest readings in counts and gains of the
-    electrodes of three fingers, both :math:`(N, 3)`, and of the pressure sensors :math:`(3,)`.
+    r"""The offsets and gains of one recording session: readings at rest in counts and gains of the
+    electrodes on three fingers, both :math:`(N, 3)`, and of the pressure sensors :math:`(3,)`.
     """
 
     offset: np.ndarray
@@ -36,21 +36,26 @@ class _FingertipReadings(NamedTuple):
 
 @dataclass(frozen=True)
 class BioTacModel:
-    r"""Computes the readings of three fluid-filled fingertips such as the BioTac from contact
-    forces. The constants of the model are plausible, not measured.
+    r"""A model that computes the readings of three fluid-filled fingertips, such as the BioTac,
+    from contact forces. The constants of the model are plausible, not measured.
 
-    The steps, in their order: shear moves the centre of a contact (:obj:`drag`); the contact is as
-    wide as that of elastic bodies (Hertz, :obj:`stiffness`), widened by the fluid (:obj:`blur`),
-    and thins the fluid above electrodes near it; the displaced fluid lifts the skin elsewhere
-    (:obj:`bulge`); a part of the response is delayed (:obj:`lag`); the response saturates
-    (:obj:`saturation`). Offsets and gains differ between sessions (:obj:`offset_spread`,
-    :obj:`gain_spread`); each grasp drifts with temperature (:obj:`drift`); noise is added
-    (:obj:`noise`); the sum is rounded to 12 bits. Pressure lowers the count of an electrode near
-    the contact.
+    The model has these steps:
+
+    1. Shear moves the centre of a contact (:obj:`drag`).
+    2. The contact is as wide as for elastic bodies (Hertz, :obj:`stiffness`), plus a width due to
+       the fluid (:obj:`blur`). It makes the fluid above nearby electrodes thinner.
+    3. The displaced fluid lifts the skin elsewhere (:obj:`bulge`).
+    4. A part of the response is delayed (:obj:`lag`).
+    5. The response saturates (:obj:`saturation`).
+    6. Offsets and gains differ between sessions (:obj:`offset_spread`, :obj:`gain_spread`).
+    7. Each grasp drifts with temperature (:obj:`drift`).
+    8. Noise is added (:obj:`noise`), and the sum is rounded to 12 bits.
+
+    Pressure lowers the count of an electrode near the contact.
 
     Args:
         gain (float): Counts per newton below a narrow contact.
-        saturation (float): Largest fall of a reading in counts.
+        saturation (float): Largest decrease of a reading in counts.
         blur (float): Width in metres of the smallest contact.
         stiffness (float): Elastic modulus of the skin in pascal.
         drag (float): Motion of the contact in metres per newton of shear, for small shear.
@@ -65,8 +70,8 @@ class BioTacModel:
         pressure_noise (float): Standard deviation of the noise of the pressure sensor in counts.
 
     Raises:
-        ValueError: If a number is negative, :obj:`lag` is not below one, or :obj:`saturation`,
-            :obj:`blur`, :obj:`stiffness` or :obj:`lag_time` is zero.
+        ValueError: If a number is negative, if :obj:`lag` is not below one, or if
+            :obj:`saturation`, :obj:`blur`, :obj:`stiffness` or :obj:`lag_time` is zero.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import biotac
@@ -104,11 +109,11 @@ class BioTacModel:
         need(self.lag < 1, "'lag' must be at least 0 and below 1", self.lag)
 
     def session(self, layout: TaxelLayout, rng: np.random.Generator) -> SessionOffsets:
-        r"""Draws offsets and gains of a session.
+        r"""Returns random offsets and gains of a session.
 
         Args:
             layout (TaxelLayout): The fingertip.
-            rng (numpy.random.Generator): Draws offsets and gains.
+            rng (numpy.random.Generator): The random number generator.
         """
         shape = (layout.num_taxels, 3)
         return SessionOffsets(
@@ -126,7 +131,7 @@ class BioTacModel:
         layout: TaxelLayout,
         curvature: float = 0.0,
     ) -> np.ndarray:
-        r"""Returns the fall of each reading in counts, without lag, sessions, drift and noise
+        r"""Returns the decrease of each reading in counts, without lag, sessions, drift and noise
         :math:`(T, N, 3)`.
 
         Args:
@@ -135,7 +140,7 @@ class BioTacModel:
             normal (numpy.ndarray): Normal forces in newtons :math:`(T, 3)`.
             place (numpy.ndarray): Centres of the contacts in metres :math:`(T, 3, 3)`.
             layout (TaxelLayout): The fingertip, with normals.
-            curvature (float): Curvature of the object in 1/metre; 0 is flat.
+            curvature (float): Curvature of the object in 1/metre. A flat object has 0.
 
         Raises:
             ValueError: If an array has another shape, or the layout has no normals.
@@ -177,14 +182,14 @@ class BioTacModel:
             normal (numpy.ndarray): Normal forces in newtons :math:`(T, 3)`.
             time (numpy.ndarray): Times in seconds :math:`(T,)`.
             session (SessionOffsets): Offsets and gains of the session.
-            rng (numpy.random.Generator): Draws drift and noise.
+            rng (numpy.random.Generator): The random number generator for drift and noise.
         """
         delayed = np.zeros_like(response)
         decay = np.exp(-np.diff(time) / self.lag_time)
         for i, factor in enumerate(decay, start=1):
             delayed[i] = factor * delayed[i - 1] + (1 - factor) * response[i]
         fall = (1 - self.lag) * response + self.lag * delayed
-        # Temperature acts on the entire fingertip, but electrodes differ in their sensitivity.
+        # The temperature affects the entire fingertip, but electrodes differ in sensitivity.
         sensitivity = rng.normal(size=3) * (1 + 0.3 * rng.normal(size=response.shape[1:]))
         drift = self.drift * ((time - time[:1]) / 10.0)[:, None, None] * sensitivity
         tactile = session.offset - session.gain * fall + drift

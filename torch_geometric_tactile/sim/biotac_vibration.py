@@ -1,9 +1,9 @@
-r"""The fast pressure signal (PAC) of fluid-filled fingertips, computed from slow forces."""
+r"""Computes the fast pressure signal (PAC) of fluid-filled fingertips from slow forces."""
 
 import numpy as np
 
 _SAMPLES_PER_FRAME = 22
-_RATE = 2200.0  # Hz: 22 samples in each frame of 100 Hz
+_RATE = 2200.0  # Hz: 22 samples per frame at 100 Hz
 _REST = 2048.0  # counts
 _FORCE_RATE_GAIN = 1.5  # counts per newton per second
 _SLIDING_NOISE = 50.0  # counts, standard deviation at the reference speed and 1 N
@@ -16,20 +16,23 @@ _MAX_COUNT = 4095  # of 12 bits
 
 def vibration(normal: np.ndarray, slide: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     r"""Returns the dynamic pressure of each fingertip in counts :math:`(T, F, 22)`: 22 values for
-    each frame of three ticks. A model, not a simulation at 2200 Hz; its constants are plausible,
-    not measured.
+    each frame of three ticks. This is a model, not a simulation at 2200 Hz; its constants are
+    plausible, not measured.
 
-    The signal is the sum of three parts: the rate of change of the normal force; noise from 80 to
-    600 Hz, whose amplitude is proportional to the sliding speed and to the square root of the
-    force; and the noise of the sensor.
+    The signal is the sum of three parts:
+
+    * the rate of change of the normal force
+    * noise from 80 to 600 Hz, whose amplitude is proportional to the sliding speed and to the
+      square root of the force
+    * the noise of the sensor
 
     Args:
         normal (numpy.ndarray): Normal forces in newtons at 300 Hz :math:`(3 T, F)`.
         slide (numpy.ndarray): Sliding speeds in metres per second at 300 Hz :math:`(3 T, F)`.
-        rng (numpy.random.Generator): Draws both noises.
+        rng (numpy.random.Generator): The random number generator.
 
     Raises:
-        ValueError: If the shapes differ, or the number of ticks is not divisible by three.
+        ValueError: If the shapes differ, or if the number of ticks is not divisible by three.
 
     Examples:
         >>> force, still = np.ones((300, 3)), np.zeros((300, 3))  # one second at 300 Hz

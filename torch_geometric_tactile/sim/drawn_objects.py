@@ -12,32 +12,34 @@ from torch_geometric_tactile.sim.objects import GraspObject
 SHAPES: tuple[Shape, ...] = ("sphere", "cylinder", "box", "ellipsoid")
 NUM_DRAWN = 40
 _WIDTH = (0.060, 0.095)  # m
-_HEIGHT = (0.050, 0.090)  # m, of boxes and ellipsoids
-_LENGTH = (0.120, 0.200)  # m, of all shapes except spheres
+_HEIGHT = (0.050, 0.090)  # m; for boxes and ellipsoids
+_LENGTH = (0.120, 0.200)  # m; for all shapes except spheres
 _MASS = (0.06, 0.35)  # kg
 _FRICTION = (0.3, 1.0)
-_BLOCK_SIZE = 10  # objects of a shape that are drawn together
+_BLOCK_SIZE = 10  # number of objects of a shape that are drawn together
 _NUM_QUANTITIES = 6  # width, height, length, mass, friction, softness
-_NUM_CANDIDATES = 1000  # Latin hypercubes of a block, of which the least correlated is used
+_NUM_CANDIDATES = 1000  # Latin hypercubes per block; the least correlated is used
 
 
 def drawn_objects(num_objects: int = NUM_DRAWN, seed: int = 0) -> list[GraspObject]:
-    r"""Draws spheres, cylinders, boxes and ellipsoids in turn, with widths from 60 to 95 mm, whose
-    size, mass, friction and softness are independent of each other and of the shape.
+    r"""Returns random spheres, cylinders, boxes and ellipsoids in turn, with widths from 60 to
+    95 mm. Their size, mass, friction and softness are independent of each other and of the shape.
 
     Width, height, length, the logarithm of the mass (60 to 350 g), friction (0.3 to 1) and softness
-    are drawn uniformly. To balance small sets of objects as well, ten objects of a shape are drawn
-    together: each quantity has one value in each tenth of its range, and of a thousand random
-    orders the one is used in which width, mass, friction and softness are least correlated. A
-    sphere has equal width, height and length, and a cylinder equal width and height. A larger
-    number of objects starts with the same objects.
+    are drawn uniformly. A sphere has equal width, height and length, and a cylinder has equal width
+    and height.
+
+    To balance small sets of objects as well, ten objects of a shape are drawn together. Each
+    quantity has one value in each tenth of its range. Of a thousand random orders, the order with
+    the smallest correlation between width, mass, friction and softness is used. With a larger
+    number of objects, the first objects stay the same.
 
     Args:
         num_objects (int): Number of objects.
-        seed (int): Seed, not negative.
+        seed (int): Seed, which must not be negative.
 
     Raises:
-        ValueError: If :obj:`num_objects` is below one, or the seed is negative.
+        ValueError: If :obj:`num_objects` is below one, or if the seed is negative.
 
     Examples:
         >>> [item.name for item in drawn_objects(5)]
@@ -56,7 +58,7 @@ def drawn_objects(num_objects: int = NUM_DRAWN, seed: int = 0) -> list[GraspObje
 
 @lru_cache
 def _draw_block(seed: int, shape_index: int, block: int) -> np.ndarray:
-    # Positions in the ranges of the quantities, from 0 to 1, of ten objects of a shape.
+    # Returns the positions of ten objects of a shape in the ranges of the quantities, from 0 to 1.
     rng = np.random.default_rng([seed, shape_index, block])
     strata = np.broadcast_to(
         np.arange(_BLOCK_SIZE)[:, None], (_NUM_CANDIDATES, _BLOCK_SIZE, _NUM_QUANTITIES)

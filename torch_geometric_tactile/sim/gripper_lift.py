@@ -1,4 +1,4 @@
-r"""A task in which touch decides: squeeze an unknown object, and lift it."""
+r"""A task that requires touch: squeeze an unknown object and lift it."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -32,23 +32,23 @@ _LIFT_HEIGHT = 0.03  # m
 _TICKS = round(1 / (CONTROL_RATE * TIMESTEP))
 _MAX_SPEED_CHANGE = 0.4 * TIMESTEP  # m/s in a tick: 4 % of gravity
 _MAX_STEPS = 120  # 6 s
-_HOLD_STEPS = 10  # at the height, until the episode ends
-_TOUCH_FORCE = 0.05  # N on each pad, at which the object counts as touched
-_GAP = (0.004, 0.008)  # m, of the pads from the object at the start
-# Standard deviations of the measurements of the motors: squeeze, then lift.
+_HOLD_STEPS = 10  # steps at the target height until the episode ends
+_TOUCH_FORCE = 0.05  # N on each pad; the object then counts as touched
+_GAP = (0.004, 0.008)  # m between the pads and the object at the start
+# Standard deviations of the motor measurements: squeeze, then lift.
 _POSITION_NOISE, _VELOCITY_NOISE = np.array([5e-5, 5e-5]), np.array([1e-3, 1e-3])  # m, m/s
 _FORCE_OFFSET, _FORCE_NOISE = np.array([0.1, 0.5]), np.array([0.05, 0.2])  # N
 
 
 @dataclass(frozen=True)
 class LiftLimits:
-    r"""Limits within which a lift is a success.
+    r"""The limits within which a lift is a success.
 
     Args:
-        slide (float): Slide of the object along the pads in metres.
-        tilt (float): Rotation of the object in radians.
+        slide (float): Largest slide of the object along the pads in metres.
+        tilt (float): Largest rotation of the object in radians.
         squeeze_ratio (float): Largest squeeze relative to :func:`needed_squeeze`.
-        squeeze_margin (float): Squeeze in newtons that is allowed in addition.
+        squeeze_margin (float): Additional squeeze in newtons that is allowed.
 
     Raises:
         ValueError: If a limit is not positive.
@@ -69,13 +69,13 @@ class LiftLimits:
 
 
 class LiftObservation(NamedTuple):
-    r"""Measurements of the gripper at one step. The motors are squeeze and lift, in this order.
+    r"""The measurements of the gripper at one step. The motors are squeeze and lift, in this order.
 
     Shapes:
-        - **readings:** of the taxels in newtons :math:`(N, 3)`: shear along the axes of the taxel,
-          and pressure
-        - **position:** distance between the pads and height in metres :math:`(2,)`
-        - **velocity:** their rates in metres per second :math:`(2,)`
+        - **readings:** readings of the taxels in newtons :math:`(N, 3)`: shear along the axes of
+          the taxel, and pressure
+        - **position:** distance between the pads, and height, in metres :math:`(2,)`
+        - **velocity:** rates of change of the positions in metres per second :math:`(2,)`
         - **command:** squeeze in newtons and lift speed in metres per second :math:`(2,)`
         - **force:** forces of the motors in newtons :math:`(2,)`: on each finger, and on the lift
 
@@ -93,13 +93,15 @@ class LiftObservation(NamedTuple):
 
 
 class LiftOutcome(NamedTuple):
-    r"""Outcome of an episode.
+    r"""The outcome of an episode.
 
-    :obj:`label` is :obj:`"success"`, the limit that was exceeded first (:obj:`"crushed"`,
-    :obj:`"slipped"` or :obj:`"turned"`), or :obj:`"unfinished"` if the object was not lifted in
-    time. :obj:`slide` is the largest slide in metres, :obj:`tilt` the largest rotation in radians,
-    :obj:`peak` the largest squeeze, averaged over a step, and :obj:`need` the needed one in
-    newtons.
+    * :obj:`label` is :obj:`"success"`, the limit that was exceeded first (:obj:`"crushed"`,
+      :obj:`"slipped"` or :obj:`"turned"`), or :obj:`"unfinished"` if the object was not lifted in
+      time.
+    * :obj:`slide` is the largest slide in metres.
+    * :obj:`tilt` is the largest rotation in radians.
+    * :obj:`peak` is the largest squeeze in newtons, averaged over a step.
+    * :obj:`need` is the needed squeeze in newtons.
 
     Examples:
         >>> LiftOutcome("success", slide=0.001, tilt=0.02, peak=2.4, need=2.0).success
@@ -119,19 +121,19 @@ class LiftOutcome(NamedTuple):
 
 
 class GripperLift:
-    r"""Simulates a parallel gripper that squeezes and lifts an unknown object, in MuJoCo.
+    r"""A simulated parallel gripper that squeezes and lifts an unknown object, in MuJoCo.
 
-    The gripper has two crowned pads of elastic taxels, which measure force along three axes. It
-    knows neither mass, friction and centre of mass of the object, nor the gains and offsets of its
-    sensor. Squeeze too little, and the object slides or turns; squeeze too much, and it is crushed.
-    An episode starts without contact and ends at the first limit that is exceeded, half a second
+    The gripper has two crowned pads of elastic taxels, which measure force along three axes. The
+    mass, friction and centre of mass of the object are unknown, and so are the gains and offsets of
+    the sensor. With too little squeeze, the object slides or turns; with too much squeeze, it is
+    crushed. An episode starts without contact. It ends when a limit is exceeded, half a second
     after a lift of 30 mm, or after six seconds.
 
-    Actions have two numbers, at 20 Hz: the change of the natural logarithm of the squeeze, from
-    -0.3 to 0.3, and the speed of the lift in metres per second, from 0 to 0.05. Actions outside of
-    these ranges are clipped. The squeeze is from 0.3 to 30 N, and starts at 0.3 N.
+    Actions are executed at 20 Hz and have two numbers: the change of the natural logarithm of the
+    squeeze, from -0.3 to 0.3, and the lift speed in metres per second, from 0 to 0.05. Actions
+    outside of these ranges are clipped. The squeeze is between 0.3 and 30 N, and starts at 0.3 N.
 
-    :obj:`model` and :obj:`data` are those of MuJoCo, for pictures and measurements.
+    :obj:`model` and :obj:`data` are the MuJoCo objects, for pictures and measurements.
 
     Seed and object determine an episode bit for bit; other releases of MuJoCo may differ in some
     bits. Stiffness, damping and noise are plausible, not measured.
@@ -140,11 +142,11 @@ class GripperLift:
         pad (TaxelLayout, optional): The taxels of each pad, flat and with axes :math:`x, y, z`
             (default: 4 x 4 taxels, 5 mm apart). Columns are upright.
         sensor (PadSensor, optional): Gains, offsets and noise.
-        limits (LiftLimits, optional): Limits of a success.
+        limits (LiftLimits, optional): Limits within which a lift is a success.
 
     Raises:
         ImportError: If MuJoCo is missing.
-        ValueError: If the pad is not flat, or too high for the object.
+        ValueError: If the pad is not flat or is too high for the object.
 
     Examples:
         >>> env = GripperLift()
@@ -176,12 +178,13 @@ class GripperLift:
         r"""Starts an episode and returns its first observation.
 
         Args:
-            seed (int): Seed of the object, the sensor and its noise, not negative. Episodes of one
-                seed are equal for all policies.
-            item (LiftObject, optional): The object (default: :func:`draw_lift_object` of the seed).
+            seed (int): Seed of the object, the sensor and its noise. It must not be negative.
+                Episodes with the same seed are equal for all policies.
+            item (LiftObject, optional): The object (default: :func:`draw_lift_object` with the
+                seed).
 
         Raises:
-            ValueError: If the seed is negative, or no taxel touches the object.
+            ValueError: If the seed is negative, or if no taxel touches the object.
         """
         self.item = draw_lift_object(seed) if item is None else item
         self.need = needed_squeeze(self.item, self.pad)
@@ -201,8 +204,8 @@ class GripperLift:
         return self._observation
 
     def step(self, action: Any) -> tuple[LiftObservation, bool]:
-        r"""Runs one step of 50 ms, and returns the observation at its end and whether the episode
-        is finished.
+        r"""Runs one step of 50 ms. Returns the observation at the end of the step and whether the
+        episode is finished.
 
         Args:
             action (array_like): Change of the logarithm of the squeeze, and lift speed in metres
@@ -210,7 +213,7 @@ class GripperLift:
 
         Raises:
             ValueError: If the action does not have two finite numbers.
-            RuntimeError: If the episode is finished, or :meth:`reset` has not been called.
+            RuntimeError: If the episode is finished, or if :meth:`reset` has not been called.
         """
         if self._label is not None:
             raise RuntimeError("no episode is running; call 'reset' first")
@@ -300,7 +303,7 @@ class GripperLift:
         self._motor_speeds = np.array([joint.dofadr[0] for joint in joints])
 
     def _run_ticks(self, squeeze: float, speed: float) -> float:
-        # Returns the mean of the squeeze over the step.
+        # Returns the mean squeeze over the step.
         model, data = self.model, self.data
         total, start = 0.0, self._command[0]
         for tick in range(1, _TICKS + 1):
@@ -320,7 +323,7 @@ class GripperLift:
             self._start = pose
         if self._start is not None:
             self._slide = max(self._slide, float(np.hypot(*(pose - self._start)[1:3])))
-            # |<q1, q2>| is the cosine of half of the angle between two orientations.
+            # |<q1, q2>| is the cosine of half the angle between two orientations.
             cosine = min(1.0, abs(float((pose[3:] * self._start[3:]).sum())))
             self._tilt = max(self._tilt, 2 * float(np.arccos(cosine)))
         self._steps_at_height += height >= _LIFT_HEIGHT

@@ -1,4 +1,4 @@
-r"""MuJoCo model of the Allegro hand, generated from the layout and the kinematics."""
+r"""A MuJoCo model of the Allegro hand, generated from the layout and the kinematics."""
 
 import json
 import math
@@ -23,8 +23,8 @@ _FINGER_INVERSE_MASS = 5.0  # 1/kg, effective at a contact on a finger
 
 @dataclass(frozen=True)
 class ContactParameters:
-    r"""Parameters of contacts and joints of the simulated hand: time constants, friction, joint
-    stiffness. The values are plausible, not measured.
+    r"""The parameters of contacts and joints of the simulated hand: time constants, friction and
+    joint stiffness. The values are plausible, not measured.
 
     Args:
         timestep (float): Step of the simulation in seconds.
@@ -32,8 +32,8 @@ class ContactParameters:
         skin_time (float): Time constant of the skin in seconds.
         hard_time (float): Time constant of a hard object in seconds.
         soft_time (float): Time constant of a soft object in seconds.
-        hand_friction (float): Friction coefficient of the hand. It is below that of the objects,
-            because MuJoCo uses the larger of both.
+        hand_friction (float): Friction coefficient of the hand. It is below the coefficients of the
+            objects, because MuJoCo uses the larger coefficient.
         joint_gain (float): Stiffness of a finger joint in newton metres per radian.
         joint_torque (float): Largest torque of a finger joint in newton metres.
         joint_damping (float): Damping of a finger joint in newton metre seconds per radian.
@@ -76,26 +76,28 @@ def grasp_mjcf(
     parameters: ContactParameters | None = None,
     bodies: Sequence[Mapping[str, Any]] | None = None,
 ) -> str:
-    r"""Returns a MuJoCo model (MJCF) without further files: the hand on a gantry, palm down, above
-    an object on a stand.
+    r"""Returns a MuJoCo model (MJCF) that needs no other files: the hand on a gantry, palm down,
+    above an object on a stand.
 
     Each taxel is a small collision sphere below the surface of the skin, named
     :obj:`taxel_0`, :obj:`taxel_1`, ..., with a site of the same name at the taxel. The bones are
-    the collision boxes of the links, a few millimetres behind the skin; they limit its compression.
+    the collision boxes of the links, a few millimetres behind the skin. They limit the compression
+    of the skin.
+
     The stiffness of a contact in MuJoCo depends on the masses in contact. Time constants are
     therefore scaled with the mass of the object and the effective mass of a finger or the palm, so
-    that the softness of skin and object does not depend on their masses.
+    that the softness of skin and object does not depend on these masses.
 
     Args:
         layout (TaxelLayout): The layout; its links are links of :obj:`kinematics`.
         kinematics (HandKinematics): The hand.
         item (GraspObject): The object.
         parameters (ContactParameters, optional): Parameters of contacts and joints.
-        bodies (sequence of dict, optional): Boxes and spheres of the links (default: those of the
-            Allegro hand).
+        bodies (sequence of dict, optional): Boxes and spheres of the links (default: the bodies of
+            the Allegro hand).
 
     Raises:
-        ValueError: If the layout has no normals, or a link that the hand does not have.
+        ValueError: If the layout has no normals, or if it has a link that the hand does not have.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import HandKinematics, allegro_uskin
@@ -128,8 +130,8 @@ def grasp_mjcf(
     for shape in bodies:
         _add_bone(links[shape["link"]], shape, solref(parameters.hard_time), parameters)
     skin = _hand_geom(parameters, solref(parameters.skin_time))
-    # MuJoCo averages the parameters of both geometries, unless one has priority: the palm, whose
-    # effective mass differs from that of the fingers, gets the average itself.
+    # MuJoCo averages the parameters of both geometries, unless one has priority. The effective mass
+    # of the palm differs from the effective mass of the fingers, so the palm gets the average.
     mean_time = (parameters.skin_time + object_time) / 2
     palm_solref = solref(mean_time, palm_inverse_mass)
     palm = {"priority": "1", "solref": palm_solref, "friction": _friction_attribute(item)}
@@ -177,7 +179,7 @@ def _add_object(world: Element, item: GraspObject, solref: str) -> None:
     x, y, z = (length / 2 for length in item.size)
     body = SubElement(world, "body", name="object", pos=_join_numbers((0, 0, STAND[2] + z)))
     SubElement(body, "freejoint", name="object")
-    is_lying = item.shape == "cylinder"  # cylinders of MuJoCo point along z, ours along y
+    is_lying = item.shape == "cylinder"  # cylinders in MuJoCo point along z, here along y
     SubElement(
         body,
         "geom",

@@ -1,4 +1,4 @@
-r"""Capital letters as strokes, drawn for this package and under its licence."""
+r"""Capital letters as strokes. They were drawn for this package and have its licence."""
 
 import math
 from functools import cache
@@ -15,16 +15,17 @@ _Points = list[tuple[float, float]]
 
 def letter_strokes(letter: str) -> np.ndarray:
     r"""Returns the centre lines of a capital letter without serifs as straight pieces. The letter
-    has height one and the centre of its bounding box at the origin; :math:`x` points to the right
-    and :math:`y` downwards.
+    has height one, and the centre of its bounding box is at the origin; :math:`x` points to the
+    right and :math:`y` downwards.
 
-    The letters are drawn for this package, not taken from a font.
+    The letters were drawn for this package and do not come from a font.
 
     Args:
         letter (str): One of the letters A to Z.
 
     Shapes:
-        - **output:** :math:`x` and :math:`y` of the two ends of each piece :math:`(S, 2, 2)`
+        - **output:** coordinates :math:`x` and :math:`y` of the ends of each piece
+          :math:`(S, 2, 2)`
 
     Raises:
         ValueError: If :obj:`letter` is not one of A to Z.
@@ -50,7 +51,8 @@ def _centred_strokes(letter: str) -> np.ndarray:
 def _arc(
     centre: tuple[float, float], radii: tuple[float, float], start: float, stop: float
 ) -> _Points:
-    # Angles in degrees from the right over the bottom to the left, because y points downwards.
+    # Angles in degrees increase from the right over the bottom to the left, because y points
+    # downwards.
     num_points = max(2, math.ceil(abs(stop - start) / _ARC_STEP) + 1)
     angles = [
         math.radians(start + (stop - start) * i / (num_points - 1)) for i in range(num_points)

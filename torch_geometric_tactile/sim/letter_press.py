@@ -12,7 +12,7 @@ from torch_geometric_tactile.sensors import TaxelLayout, letter_array
 from torch_geometric_tactile.sim._pressure_field import CELL, FieldSampling, field_sampling
 from torch_geometric_tactile.sim.letter_outlines import LETTERS, letter_strokes
 
-# Arguments of LetterPress by the check that they have to pass.
+# Arguments of LetterPress, grouped by the check that they must pass.
 _RANGES = ("size", "pressure", "repeatability")
 _POSITIVE = ("stroke", "sensel", "full_scale")
 _NOT_NEGATIVE = ("margin", "blur_length", "spread_length")
@@ -24,7 +24,7 @@ class LetterPresses(NamedTuple):
     pressure of each press.
 
     Shapes:
-        - **readings:** kPa :math:`(P, N)`
+        - **readings:** readings in kPa :math:`(P, N)`
         - **size:** height of the letter in metres :math:`(P,)`
         - **angle:** rotation of the letter in radians, from :math:`x` to :math:`y` :math:`(P,)`
         - **place:** centre of the letter in the plane of the layout, in metres :math:`(P, 2)`
@@ -57,30 +57,36 @@ class _PressParameters(NamedTuple):
 
 @dataclass(frozen=True)
 class LetterPress:
-    r"""A stiff stamp with a raised capital letter that is pressed on an array of pressure pixels in
-    an elastic layer, after the data set of the "A Novel Bilinear Feature and Multi-Layer Fused
-    Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors 2020, 20, 5822). The
-    paper measured pressure, repeatability, pixel size and pitch; all other constants of the model
-    are plausible, not measured.
+    r"""A model of a stiff stamp with a raised capital letter that is pressed on an array of
+    pressure pixels in an elastic layer. It follows the data set of the "A Novel Bilinear Feature
+    and Multi-Layer Fused Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors
+    2020, 20, 5822). The paper measured pressure, repeatability, pixel size and pitch; all other
+    constants of the model are plausible, not measured.
 
-    The steps, in their order: size, angle, position and pressure of the letter are drawn, and a
-    tilt by which the pressure varies over the letter; the layer spreads the pressure by two
-    Gaussians (:obj:`blur_length` and the wider :obj:`spread_length`); each pixel averages the
-    pressure over the square of a sensel, with a relative error within :obj:`repeatability` that
-    differs between presses; dead rows read zero; each pixel also reads a part of the mean of the
-    other pixels in its row and in its column (:obj:`crosstalk`); readings are rounded to
-    :obj:`bits` between 0 and :obj:`full_scale`.
+    The model has these steps:
 
-    Rows and columns are those of the layout's image map. A layout without one has no crosstalk.
+    1. The size, angle, position and pressure of the letter are drawn at random, and a tilt by which
+       the pressure varies over the letter.
+    2. The layer spreads the pressure by two Gaussians (:obj:`blur_length` and the wider
+       :obj:`spread_length`).
+    3. Each pixel averages the pressure over the square of a sensel, with a relative error within
+       :obj:`repeatability` that differs between presses.
+    4. Dead rows read zero.
+    5. Each pixel also reads a part of the mean of the other pixels in its row and in its column
+       (:obj:`crosstalk`).
+    6. Readings are rounded to :obj:`bits` between 0 and :obj:`full_scale`.
+
+    Rows and columns are defined by the layout's image map. A layout without an image map has no
+    crosstalk.
 
     Args:
         size (tuple of float): Smallest and largest height of a letter in metres.
         stroke (float): Width of the strokes in metres.
-        angle (float): Largest rotation to either side in radians, 20 degrees by default. From 45
-            degrees on, a rotated N can equal a rotated Z; with all rotations, M and W are hardly
+        angle (float): Largest rotation to either side in radians. The default is 20 degrees. From
+            45 degrees on, a rotated N can equal a rotated Z; with all rotations, M and W are hardly
             distinguishable.
-        margin (float): Smallest distance in metres of a letter from the edge of the array, which is
-            the box around the centres of the pixels.
+        margin (float): Smallest distance in metres between a letter and the edge of the array,
+            which is the box around the centres of the pixels.
         pressure (tuple of float): Smallest and largest pressure in kPa.
         tilt (float): Largest relative change of the pressure from the centre of the letter to half
             its height in any direction.
@@ -89,17 +95,17 @@ class LetterPress:
         spread_length (float): Standard deviation in metres of the wide Gaussian.
         sensel (float): Side of a pixel's sensitive square in metres.
         repeatability (tuple of float): Smallest and largest relative error of a reading.
-        crosstalk (float): Part of the mean of the other pixels in its row that a pixel reads, and
-            of those in its column.
+        crosstalk (float): Part of the mean of the other pixels in its row, and of the mean of the
+            other pixels in its column, that a pixel reads.
         full_scale (float): Largest reading in kPa.
-        bits (int, optional): Bits of a reading, up to 16. With :obj:`None`, readings are not
-            rounded.
+        bits (int, optional): Number of bits per reading, up to 16. With :obj:`None`, readings are
+            not rounded.
         dead_rows (int): Number of broken rows.
         device_seed (int): Seed of the choice of broken rows.
 
     Raises:
-        ValueError: If a number is negative, a range is decreasing, a fraction is not below one, or
-            an angle is above half a turn.
+        ValueError: If a number is negative, if a range is decreasing, if a fraction is not below
+            one, or if an angle is above half a turn.
 
     Examples:
         >>> presses = LetterPress().press("T", 2, np.random.default_rng(0))
@@ -167,14 +173,15 @@ class LetterPress:
         Args:
             letter (str): One of the letters A to Z.
             count (int): Number of presses.
-            rng (numpy.random.Generator): Draws the presses and the errors of the pixels.
+            rng (numpy.random.Generator): The random number generator for the presses and the errors
+                of the pixels.
             layout (TaxelLayout, optional): The pixels, in a plane of constant :math:`z` whose
-                :math:`y` points downwards in an image (default: :func:`letter_array`). From
-                generators of the same state, layouts of the same outer size get the same presses.
+                :math:`y` points downwards in an image (default: :func:`letter_array`). With
+                generators in the same state, layouts of the same outer size get the same presses.
 
         Raises:
-            ValueError: If :obj:`letter` is not one of A to Z, :obj:`count` is negative, or the
-                layout is not flat, too small for the letters, or has fewer rows than
+            ValueError: If :obj:`letter` is not one of A to Z, if :obj:`count` is negative, or if
+                the layout is not flat, is too small for the letters, or has fewer rows than
                 :obj:`dead_rows`.
         """
         need(count >= 0, "'count' must not be negative", count)
@@ -291,7 +298,7 @@ def _default_layout() -> TaxelLayout:
 
 @cache
 def _longest_diagonal() -> float:
-    # Of the bounding boxes of all letters of height one.
+    # The longest diagonal of the bounding boxes of all letters with height one.
     return max(float(np.hypot(*np.ptp(letter_strokes(name), axis=(0, 1)))) for name in LETTERS)
 
 
@@ -300,7 +307,7 @@ def _interpolate(limits: tuple[float, float], fraction: float) -> float:
 
 
 def _distance_to_pieces(x: np.ndarray, y: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-    # Distance of each point of a grid to the nearest piece.
+    # The distance from each point of a grid to the nearest piece.
     square_distance = np.full((len(y), len(x)), np.inf)
     for start, end in pieces:
         along = end - start
@@ -312,7 +319,7 @@ def _distance_to_pieces(x: np.ndarray, y: np.ndarray, pieces: np.ndarray) -> np.
 
 
 def _mean_without_self(readings: np.ndarray, line: np.ndarray) -> np.ndarray:
-    # For each pixel, the mean of the other pixels of its line (row or column).
+    # For each pixel, the mean of the other pixels in its line (row or column).
     total = np.bincount(line, weights=readings)
     num_neighbors = np.bincount(line) - 1
     mean: np.ndarray = (total[line] - readings) / np.maximum(num_neighbors, 1)[line]

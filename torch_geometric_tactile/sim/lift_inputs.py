@@ -1,4 +1,4 @@
-r"""Inputs of policies for the simulated gripper: how much of the touch each policy gets."""
+r"""Inputs of policies for the simulated gripper, with different amounts of touch."""
 
 import numpy as np
 
@@ -14,14 +14,14 @@ LIFT_INPUTS = ("none", "normal", "total", "wrench", "taxels")
 def lift_inputs(
     observation: LiftObservation, name: str, pad: TaxelLayout | None = None
 ) -> np.ndarray:
-    r"""Returns the numbers that a policy with one kind of touch gets :math:`(D,)`: positions,
-    velocities, commands and forces of the motors, and then
+    r"""Returns the inputs of a policy with one kind of touch :math:`(D,)`: positions, velocities,
+    commands and forces of the motors, followed by
 
     * :obj:`"none"`: nothing more :math:`(D = 8)`,
     * :obj:`"normal"`: the pressure on each taxel in newtons :math:`(D = 8 + N)`,
     * :obj:`"total"`: the sums of shear and pressure of each pad in newtons :math:`(D = 14)`,
     * :obj:`"wrench"`: force in newtons and torque in newton metres on each pad, about its middle
-      and in its frame, as a six-axis sensor behind the pad measures them :math:`(D = 20)`,
+      and in its frame, as measured by a six-axis sensor behind the pad :math:`(D = 20)`,
     * :obj:`"taxels"`: all readings in newtons :math:`(D = 8 + 3 N)`.
 
     Args:
@@ -30,7 +30,8 @@ def lift_inputs(
         pad (TaxelLayout, optional): The taxels of each pad (default: 4 x 4, 5 mm apart).
 
     Raises:
-        ValueError: If the name is unknown, or the observation has other taxels than the pads.
+        ValueError: If the name is unknown, or if the taxels of the observation are not the taxels
+            of the pads.
 
     Examples:
         >>> observation = LiftObservation(np.zeros((32, 3)), *np.zeros((4, 2)))
@@ -54,7 +55,7 @@ def lift_inputs(
 
 
 def _wrench(pads: np.ndarray, position: np.ndarray) -> np.ndarray:
-    # Force and torque on each pad (2, 6). Pressure points into the pad, against z.
+    # The force and torque on each pad (2, 6). Pressure points into the pad, against z.
     force = pads * np.array([1.0, 1.0, -1.0])
     lever = np.column_stack([position, np.zeros(len(position))])
     torque = np.cross(lever, force).sum(axis=1)

@@ -18,21 +18,21 @@ from torch_geometric_tactile.sim.gripper_lift import GripperLift, LiftObservatio
 from torch_geometric_tactile.sim.lift_object import LiftObject
 
 _Policy = Callable[[GripperLift], np.ndarray]
-_EXPERT_RATIO = 1.3  # squeeze of the expert relative to the need
+_EXPERT_RATIO = 1.3  # squeeze of the expert relative to the needed squeeze
 _LEAD = 0.05  # part of the weight by which the expert squeezes ahead of the load
 _LOADING_SPEED, _SPEED_CHANGE = 0.003, 0.01  # m/s until the object is carried; m/s in a step
-_CARRIED = 0.97  # part of the weight from which on the object counts as lifted
-_READY_RATIO = 0.97  # of the squeeze that the load asks for, below which the expert does not lift
-_DISTURBANCE = np.array([MAX_LOG_CHANGE, MAX_LIFT_SPEED / 4])  # of squeeze and lift, noise 1
-_KEPT = 0.9  # part of a disturbance that is left after a step
+_CARRIED = 0.97  # with this part of the weight on the pads, the object counts as lifted
+_READY_RATIO = 0.97  # the expert does not lift below this part of the squeeze that the load needs
+_DISTURBANCE = np.array([MAX_LOG_CHANGE, MAX_LIFT_SPEED / 4])  # of squeeze and lift at noise 1
+_KEPT = 0.9  # part of a disturbance that remains after a step
 
 
 def lift_expert(env: GripperLift) -> np.ndarray:
-    r"""Returns the action of an expert that knows the object :math:`(2,)`.
+    r"""Returns the action :math:`(2,)` of an expert that knows the object.
 
-    As a person does, it squeezes in proportion to the load: the needed squeeze times the part of
-    the weight that the pads carry, plus 30 %. It lifts slowly until they carry all of it, and
-    waits for the squeeze meanwhile.
+    Like a person, the expert squeezes in proportion to the load: the needed squeeze times the part
+    of the weight that the pads carry, plus 30 %. It lifts slowly until the pads carry the full
+    weight, and waits whenever the squeeze is too small.
 
     Args:
         env (GripperLift): The running episode.
@@ -58,7 +58,7 @@ def lift_expert(env: GripperLift) -> np.ndarray:
 
 def constant_squeeze(squeeze: float) -> _Policy:
     r"""Returns a policy that waits for contact, squeezes every object with the same force, and
-    lifts it.
+    lifts the object.
 
     Args:
         squeeze (float): Squeeze in newtons.
@@ -95,24 +95,27 @@ def record_lift(
     policy: _Policy = lift_expert,
     noise: float = 0.0,
 ) -> Recording:
-    r"""Runs an episode and returns its recording, a demonstration to learn from.
+    r"""Runs an episode and returns its recording, which can be used as a demonstration.
 
-    The recording has one frame per step, before the action of the step. Its label is that of the
-    outcome, :obj:`joint` the positions of the motors in metres, :obj:`action` the actions of the
-    policy, and :obj:`extra` the motors' :obj:`"velocity"`, :obj:`"command"` and
-    :obj:`"motor_force"`. :obj:`privileged` has :obj:`"force"`, the forces on the taxels, and
-    :obj:`"squeeze"` and :obj:`"load"` in newtons, :obj:`"slide"` in metres and :obj:`"tilt"` in
-    radians.
+    The recording has one frame per step, before the action of the step. Its label is the label of
+    the outcome. It contains:
+
+    * :obj:`joint`: the positions of the motors in metres
+    * :obj:`action`: the actions of the policy
+    * :obj:`extra`: the motors' :obj:`"velocity"`, :obj:`"command"` and :obj:`"motor_force"`
+    * :obj:`privileged`: :obj:`"force"` on the taxels, :obj:`"squeeze"` and :obj:`"load"` in
+      newtons, :obj:`"slide"` in metres and :obj:`"tilt"` in radians
 
     Args:
         env (GripperLift): The task.
         seed (int): Seed of the episode.
-        item (LiftObject, optional): The object (default: :func:`draw_lift_object` of the seed).
-        policy (callable): Maps the running episode to an action.
+        item (LiftObject, optional): The object (default: :func:`draw_lift_object` with the seed).
+        policy (callable): Function that maps the running episode to an action.
         noise (float): Standard deviation of the disturbance of the executed actions, relative to
-            the largest change of the squeeze, and to a quarter of the largest lift speed. A
-            disturbance lasts, half of it for 0.35 seconds, so that the squeeze stays too high or
-            too low for a while. The recorded actions are those of the policy: what to do then.
+            the largest change of the squeeze and to a quarter of the largest lift speed. A
+            disturbance decays with a half-life of 0.35 seconds, so that the squeeze stays too high
+            or too low for a while. The recorded actions are the undisturbed actions of the policy,
+            which show how to correct the disturbance.
 
     Raises:
         ValueError: If the noise is negative.
@@ -161,7 +164,7 @@ def record_lift(
 
 
 def lift_observations(recording: Recording) -> list[LiftObservation]:
-    r"""Returns the observations of a recording of :func:`record_lift`, one for each step.
+    r"""Returns the observations in a recording from :func:`record_lift`, one per step.
 
     Args:
         recording (Recording): The episode.
@@ -176,6 +179,6 @@ def lift_observations(recording: Recording) -> list[LiftObservation]:
     """
     joint, extra = recording.joint, recording.extra
     if joint is None or not {"velocity", "command", "motor_force"} <= set(extra):
-        raise ValueError(f"'recording' must have all that 'record_lift' writes (got {recording})")
+        raise ValueError(f"'recording' must come from 'record_lift' (got {recording})")
     columns = (recording.tactile, joint, extra["velocity"], extra["command"], extra["motor_force"])
     return [LiftObservation(*row) for row in zip(*columns, strict=True)]

@@ -19,10 +19,10 @@ _SHAPES = ("box", "cylinder", "ellipsoid", "sphere")
 
 @dataclass(frozen=True)
 class GraspObject:
-    r"""An object for the simulated hand. Sizes and labels follow the papers' descriptions; masses
-    and frictions are plausible, not measured.
+    r"""An object for the simulated hand. Sizes and labels follow the descriptions in the papers;
+    masses and friction coefficients are plausible, not measured.
 
-    The plan of a grasp may depend on the size, but not on mass, friction and softness.
+    The plan of a grasp may depend on the size, but not on the mass, friction and softness.
 
     Args:
         name (str): Name of the object.
@@ -65,12 +65,14 @@ class GraspObject:
 
     @property
     def width(self) -> float:
-        r"""Extent between fingers and thumb in metres."""
+        r"""The extent between fingers and thumb in metres."""
         return self.size[0]
 
     @property
     def labels(self) -> tuple[int, ...]:
-        r"""The six properties in the order of :obj:`PROPERTIES`: 1 if the object has it, else 0."""
+        r"""The six properties in the order of :obj:`PROPERTIES`: 1 if the object has a property,
+        otherwise 0.
+        """
         properties = {
             "heavy" if self.mass > sum(_MASS.values()) / 2 else "light",
             "soft" if self.soft else "hard",
@@ -96,7 +98,8 @@ def _make_object(
 
 def paper8() -> list[GraspObject]:
     r"""Returns the eight objects of the "Tactile Object Property Recognition ..." paper as
-    primitives: one object for each combination of two masses, two softnesses and two frictions.
+    primitive shapes. There is one object for each combination of two masses, two degrees of
+    softness and two friction coefficients.
 
     Examples:
         >>> [item.name for item in paper8()][:3]
@@ -118,8 +121,8 @@ def paper8() -> list[GraspObject]:
 
 
 def control8() -> list[GraspObject]:
-    r"""Returns eight objects of one shape and size, one for each combination of mass, softness and
-    friction: their shape does not distinguish them.
+    r"""Returns eight objects with the same shape and size, one for each combination of mass,
+    softness and friction. Their shape does not distinguish them.
 
     Examples:
         >>> objects = control8()
@@ -137,8 +140,8 @@ def control8() -> list[GraspObject]:
 
 
 def twenty() -> list[GraspObject]:
-    r"""Returns twenty objects, five shapes in four sizes: the number of objects of the
-    "Morphology-Specific Convolutional Neural Networks ..." paper.
+    r"""Returns twenty objects: five shapes in four sizes. The "Morphology-Specific Convolutional
+    Neural Networks ..." paper has the same number of objects.
 
     Examples:
         >>> len(twenty()), twenty()[0].name

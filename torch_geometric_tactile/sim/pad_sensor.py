@@ -1,4 +1,4 @@
-r"""Readings of the taxels on the simulated gripper."""
+r"""The readings of the taxels on the simulated gripper."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -10,7 +10,7 @@ from torch_geometric_tactile._checks import need
 
 @dataclass(frozen=True)
 class PadSensor:
-    r"""A tared sensor, whose gains, remaining offsets and dead taxels are drawn anew for each
+    r"""A tared sensor. Its gains, remaining offsets and dead taxels are drawn again for each
     episode. All spreads are standard deviations; they are plausible, not measured.
 
     Args:
@@ -20,7 +20,7 @@ class PadSensor:
         dead (float): Probability that a taxel is dead. Dead taxels read zero.
 
     Raises:
-        ValueError: If a number is negative, or :obj:`dead` is above one.
+        ValueError: If a number is negative, or if :obj:`dead` is above one.
 
     Examples:
         >>> PadSensor()
@@ -42,15 +42,16 @@ class PadSensor:
 
     @classmethod
     def rough(cls) -> Self:
-        r"""Returns a rough sensor: gains that differ by 15 %, and offsets of 20 mN."""
+        r"""Returns a rough sensor with gains that differ by 15 % and offsets of 20 mN."""
         return cls(gain_spread=0.15, offset=0.02)
 
     def device(self, num_taxels: int, rng: np.random.Generator) -> "PadDevice":
-        r"""Draws the sensor of one episode.
+        r"""Returns a random sensor for one episode.
 
         Args:
             num_taxels (int): Number of taxels :math:`N`.
-            rng (numpy.random.Generator): Draws the device now and its noise later.
+            rng (numpy.random.Generator): The random number generator, which also draws the noise of
+                later readings.
 
         Examples:
             >>> device = PadSensor(noise=0).device(32, np.random.default_rng(0))
@@ -66,11 +67,11 @@ class PadSensor:
 
 @dataclass(frozen=True, eq=False)
 class PadDevice:
-    r"""The sensor of one episode, as :meth:`PadSensor.device` draws it.
+    r"""The sensor of one episode, as returned by :meth:`PadSensor.device`.
 
     Shapes:
         - **gain:** :math:`(N, 3)`
-        - **offset:** newtons :math:`(N, 3)`
+        - **offset:** offset in newtons :math:`(N, 3)`
         - **noise:** standard deviation in newtons :math:`(N, 1)`
 
     Examples:

@@ -1,4 +1,4 @@
-r"""Recordings of simulated grasps of the Allegro hand, one file per trial."""
+r"""Recordings of simulated grasps with the Allegro hand, with one file per trial."""
 
 import json
 import logging
@@ -35,7 +35,7 @@ from torch_geometric_tactile.sim.spread import GraspSpread
 
 _ENCODER_NOISE = 0.0015  # rad
 _MIN_SECONDS = 1.0
-#: The motions of the hand, each with the participle that reports its success.
+#: The motions of the hand, each with the words that report its success.
 MOTIONS = {"lift": "lifted", "squeeze": "squeezed"}
 #: Names of the layouts of the hands that can be simulated.
 HANDS = ("allegro_uskin", "allegro_uskin_240")
@@ -44,13 +44,13 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Preset:
-    r"""Duration, time steps, frame rate and number of simulated trials.
+    r"""The duration, time steps, frame rate and number of simulated trials.
 
     Args:
-        duration (float): Length of a trial in seconds.
-        timestep (float): Step of the physics in seconds.
+        duration (float): Duration of a trial in seconds.
+        timestep (float): Time step of the physics in seconds.
         step (float): Time between targets of the controller in seconds.
-        rate (float): Frames recorded per second.
+        rate (float): Number of recorded frames per second.
         trials (int): Default number of trials of each object.
 
     Examples:
@@ -74,10 +74,10 @@ PRESETS = {
 
 
 class TrialReport(NamedTuple):
-    r"""Number of attempts at a simulated trial, and the path of its file.
+    r"""The number of attempts at a simulated trial, and the path of its file.
 
     :obj:`path` is :obj:`None` if no attempt lifted and held the object, or squeezed it.
-    :obj:`kept` is :obj:`True` if the file existed already.
+    :obj:`kept` is :obj:`True` if the file already existed.
 
     Examples:
         >>> report = TrialReport("sponge", 0, attempts=2, path=Path("sponge_000.h5"), kept=False)
@@ -131,7 +131,7 @@ class _Trial(SimulatedTrial[TrialReport]):
         return identity
 
     def finished_report(self) -> TrialReport:
-        # Files of earlier versions contain neither spread nor motion, which were fixed then.
+        # Files of earlier versions contain neither spread nor motion, which were constants then.
         defaults = {"spread": asdict(GraspSpread()), "motion": "lift"}
         attempt = finished_metadata(self.path, self.identity(), defaults).get("attempt")
         if type(attempt) is not int or attempt < 0:
@@ -152,7 +152,7 @@ class _Trial(SimulatedTrial[TrialReport]):
         return TrialReport(name, number, self.max_attempts, None, kept=False)
 
     def record(self) -> tuple[Recording | None, int]:
-        r"""Returns the recording of the first successful attempt, :obj:`None` if all failed, and
+        r"""Returns the recording of the first successful attempt (:obj:`None` if all failed) and
         the number of attempts.
         """
         simulator = _simulator(self.hand, self.item, self.preset.timestep)
@@ -187,35 +187,36 @@ def simulate(
     r"""Simulates grasps with the Allegro hand and writes one HDF5 recording per trial. Yields a
     report when the file of a trial is finished, and writes :obj:`simulation.json` at the end.
 
-    Seed, object, trial and attempt determine the recording of a trial bit for bit, for any
-    :obj:`jobs`; other releases of MuJoCo may differ in some bits. Trials whose file exists are not
-    simulated again, so that the same call resumes an interrupted run.
+    The seed, object, trial and attempt determine the recording of a trial bit for bit, for any
+    :obj:`jobs`; other releases of MuJoCo may differ in some bits. If the file of a trial exists,
+    the trial is not simulated again, so that the same call resumes an interrupted run.
 
     Args:
         out (str or PathLike): Folder of the recordings.
         objects (str or sequence of GraspObject): :obj:`"paper8"`, :obj:`"control8"`,
-            :obj:`"twenty"` or :obj:`"shapes"` (:func:`drawn_objects`), or objects of your own.
-        trials (int, optional): Trials of each object (default: that of the preset).
-        seed (int): Seed, not negative.
+            :obj:`"twenty"` or :obj:`"shapes"` (:func:`drawn_objects`), or your own objects.
+        trials (int, optional): Number of trials of each object (default: as in the preset).
+        seed (int): Seed, which must not be negative.
         jobs (int): Number of processes.
         preset (str): :obj:`"full"` (17 s at 100 Hz) or :obj:`"ci"` (5 s at 50 Hz, coarse).
         max_attempts (int): Largest number of attempts at a trial.
         skin (SkinModel, optional): Model of the readings of the skin.
         hand (str, optional): :obj:`"allegro_uskin"` (384 taxels) or :obj:`"allegro_uskin_240"`
-            (none on the palm). The default is the hand of the paper of the objects: the second
-            for :obj:`"twenty"`, else the first.
-        plan (GraspSpread, optional): Variation between grasps (default: that of a careful
-            operator).
-        seconds (float, optional): Length of a trial, at least 1 (default: that of the preset).
-        num_objects (int, optional): Number of objects of :obj:`"shapes"`, which are drawn with
+            (no taxels on the palm). The default is the hand in the paper that describes the
+            objects: :obj:`"allegro_uskin_240"` for :obj:`"twenty"`, otherwise
+            :obj:`"allegro_uskin"`.
+        plan (GraspSpread, optional): Variation between grasps (default: a careful operator).
+        seconds (float, optional): Duration of a trial in seconds, at least 1 (default: as in the
+            preset).
+        num_objects (int, optional): Number of objects in :obj:`"shapes"`, which are drawn with
             :obj:`seed` (default: 40).
-        motion (str): :obj:`"lift"` lifts and holds the objects (:func:`plan_grasp`),
+        motion (str): :obj:`"lift"` lifts and holds the objects (:func:`plan_grasp`);
             :obj:`"squeeze"` squeezes them repeatedly in place (:func:`plan_squeeze`).
 
     Raises:
         ImportError: If MuJoCo or h5py is missing.
-        ValueError: If an argument is unknown or too small, or the folder contains recordings that
-            were made with other arguments.
+        ValueError: If an argument is unknown or too small, or if the folder contains recordings
+            that were simulated with other arguments.
 
     Examples:
         >>> from torch_geometric_tactile.sim import simulate
@@ -273,14 +274,14 @@ def grasp_recordings(
     motion: str = "lift",
 ) -> Iterator[Recording]:
     r"""Yields an endless stream of simulated grasps: the recordings that :func:`simulate` would
-    write, cycling through the objects. A grasp is simulated when it is requested; failed trials
+    write, cycling through the objects. Each grasp is simulated when it is requested. Failed trials
     are skipped.
 
     Args:
-        objects, seed, preset: As of :func:`simulate`.
-        rate (float, optional): Frames per second: the rate of the preset divided by a whole number
-            (default: the rate of the preset).
-        only (str, optional): Name of the only object of the set to grasp (default: all).
+        objects, seed, preset: As in :func:`simulate`.
+        rate (float, optional): Frames per second. This must be the rate of the preset divided by a
+            whole number (default: the rate of the preset).
+        only (str, optional): Name of the only object in the set to grasp (default: all objects).
         motion (str): :obj:`"lift"` or :obj:`"squeeze"`.
 
     Raises:
@@ -364,7 +365,7 @@ def _to_recording(
 
 
 def _grasp_metadata(trial: _Trial, plan: GraspPlan) -> dict[str, Any]:
-    # Properties that a data set can have as targets, or split by.
+    # Properties that a data set can use as targets or for splits.
     item, (lateral, yaw) = trial.item, plan.gantry[:, [1, 3]].mean(axis=0).tolist()
     return {
         "shape": item.shape,

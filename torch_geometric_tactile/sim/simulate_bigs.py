@@ -42,7 +42,7 @@ from torch_geometric_tactile.sim.biotac_vibration import vibration
 #: Default number of grasps of :func:`simulate_bigs`.
 BIGS_GRASPS = 2000
 _GENERATOR = "bigs"
-_VERSION = 2  # of the generator; recordings of different versions differ
+_VERSION = 2  # version of the generator; recordings of different versions differ
 _TICKS_PER_FRAME = CONTROL_RATE // FRAME_RATE
 _ARM_NOISE, _FINGER_NOISE = 0.0002, 0.002  # rad
 _WRENCH_NOISE = np.repeat([0.05, 0.002], 3)  # N, N m
@@ -61,11 +61,11 @@ _POSTURE = np.array([0.0, 0.7, 0.0, 1.9, 0.0, np.pi - 2.6, 0.0])
 
 
 class BigsReport(NamedTuple):
-    r"""Outcome of one grasp, and the path of its file.
+    r"""The outcome of one grasp, and the path of its file.
 
-    :obj:`success` is :obj:`True` if the object was still in the hand after the shake; otherwise
+    :obj:`success` is :obj:`True` if the object was still in the hand after the shake. Otherwise
     :obj:`lost` is the time from the start of pick-up to the loss in seconds. :obj:`kept` is
-    :obj:`True` if the file existed already.
+    :obj:`True` if the file already existed.
 
     Examples:
         >>> report = BigsReport("ball", 3, success=False, lost=1.2, path=Path("x.h5"), kept=False)
@@ -141,31 +141,31 @@ def simulate_bigs(
     *,
     model: BioTacModel | None = None,
 ) -> Generator[BigsReport, None, None]:
-    r"""Simulates grasps like those of the BiGS set and writes one HDF5 recording per grasp, which
+    r"""Simulates grasps like in the BiGS set and writes one HDF5 recording per grasp, which
     :class:`~torch_geometric_tactile.datasets.BiGS` reads. Yields a report when each file is
     finished, and writes :obj:`simulation.json` at the end.
 
-    Three fingertips close around a cylinder, a box or a ball, squeeze, lift and shake it. Size,
-    mass, friction, grip, position, tilt and timing vary between grasps. A grasp is a success if the
-    object is still in the hand after the shake; failed grasps are recorded as well. Of four grasps
-    two are of the cylinder, one of the box and one of the ball.
+    Three fingertips close around a cylinder, a box or a ball, then squeeze, lift and shake it.
+    Size, mass, friction, grip, position, tilt and timing vary between grasps. A grasp is a success
+    if the object is still in the hand after the shake. Failed grasps are recorded as well. Of every
+    four grasps, two are of the cylinder, one of the box and one of the ball.
 
-    Seed and number determine the recording of a grasp bit for bit, for any :obj:`jobs` and
-    :obj:`grasps`; other releases of MuJoCo may differ in some bits. Grasps whose file exists are
-    not simulated again, so that the same call resumes an interrupted run, and a larger number of
-    grasps extends a smaller one.
+    The seed and the number of a grasp determine its recording bit for bit, for any :obj:`jobs` and
+    :obj:`grasps`; other releases of MuJoCo may differ in some bits. If the file of a grasp exists,
+    the grasp is not simulated again, so that the same call resumes an interrupted run. A larger
+    number of grasps extends an earlier run.
 
     Args:
         out (str or PathLike): Folder of the recordings.
         grasps (int): Number of grasps.
-        seed (int): Seed, not negative.
+        seed (int): Seed, which must not be negative.
         jobs (int): Number of processes.
         model (BioTacModel, optional): Model of the readings of the fingertips.
 
     Raises:
         ImportError: If MuJoCo or h5py is missing.
-        ValueError: If a number is too small, or the folder contains recordings that were made with
-            other arguments.
+        ValueError: If a number is too small, or if the folder contains recordings that were
+            simulated with other arguments.
 
     Examples:
         >>> from torch_geometric_tactile.sim import simulate_bigs
@@ -252,8 +252,8 @@ def _to_recording(
 
 def _arm_joints(hand: np.ndarray) -> np.ndarray:
     # Joint angles of an arm (K, 7) for displacements and rotations of the hand (K, 6) from the
-    # posture. The physics has no arm, and its hand moves freely. These are the angles with which a
-    # WAM would move it, to first order, with the smallest sum of squares.
+    # posture. The physics has no arm, and the hand moves freely. These are the angles with which a
+    # WAM would move the hand, to first order and with the smallest sum of squares.
     return np.asarray(_POSTURE + hand @ np.linalg.pinv(_jacobian()).T)
 
 

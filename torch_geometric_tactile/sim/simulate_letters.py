@@ -1,4 +1,4 @@
-r"""Recordings of simulated presses of letters on a pressure array, one folder per letter."""
+r"""Recordings of simulated presses of letters on a pressure array, with one folder per letter."""
 
 import io
 import json
@@ -28,16 +28,16 @@ from torch_geometric_tactile.sim.letter_press import LetterPress
 
 #: Default number of presses of each letter of :func:`simulate_letters`.
 LETTER_PRESSES = 500
-_BLOCK_SIZE = 100  # presses in a file
+_BLOCK_SIZE = 100  # number of presses per file
 _GENERATOR = "letters"
-_VERSION = 1  # of the generator; presses of different versions differ
+_VERSION = 1  # version of the generator; presses of different versions differ
 _LAYOUT_FILE = "layout.json"
 _NOTE = "Simulated. Letters, spread, tilt and crosstalk are plausible, not measured."
 
 
 class LetterReport(NamedTuple):
-    r"""A finished file of presses: the letter, the index of the first press and the number of
-    presses. :obj:`kept` is :obj:`True` if the file existed already.
+    r"""A finished file with presses: the letter, the index of the first press and the number of
+    presses. :obj:`kept` is :obj:`True` if the file already existed.
 
     Examples:
         >>> report = LetterReport("A", 100, presses=50, path=Path("A/A_0100.npy"), kept=False)
@@ -101,27 +101,27 @@ def simulate_letters(
     it is finished.
 
     A file, such as :obj:`A/A_0100.npy`, contains up to 100 presses in kPa as 32-bit floats
-    :math:`(P, 32, 32)`. With a :obj:`layout` other than :func:`letter_array`, their shape is
+    :math:`(P, 32, 32)`. With a :obj:`layout` other than :func:`letter_array`, the shape is
     :math:`(P, N)`, and the layout is written to :obj:`layout.json` beside the folders.
     :obj:`simulation.json` contains the arguments.
 
-    Seed, letter and number determine a press bit for bit, for any :obj:`jobs` and :obj:`presses`;
-    other processors or releases of NumPy may round differently. Finished files are not simulated
-    again, so that the same call resumes an interrupted run, and a larger number of presses extends
-    a smaller one.
+    The seed, the letter and the number of a press determine it bit for bit, for any :obj:`jobs` and
+    :obj:`presses`; other processors or releases of NumPy may round differently. Finished files are
+    not simulated again, so that the same call resumes an interrupted run. A larger number of
+    presses extends an earlier run.
 
     Args:
         out (str or PathLike): Folder of the letters.
         presses (int): Number of presses of each letter.
-        seed (int): Seed, not negative.
+        seed (int): Seed, which must not be negative.
         jobs (int): Number of processes.
         press (LetterPress, optional): The model of a press.
         letters (sequence of str): The letters (default: all).
         layout (TaxelLayout, optional): The pixels (default: :func:`letter_array`).
 
     Raises:
-        ValueError: If a number is too small, a letter is unknown, the letters do not fit on the
-            layout, or the folder contains presses that were made with other arguments.
+        ValueError: If a number is too small, if a letter is unknown, if the letters do not fit on
+            the layout, or if the folder contains presses that were simulated with other arguments.
 
     Examples:
         >>> from tempfile import TemporaryDirectory
@@ -172,7 +172,7 @@ def _have_same_taxels(first: TaxelLayout, second: TaxelLayout) -> bool:
 
 
 def _run_blocks(blocks: list[_Block], out: Path, jobs: int) -> Generator[LetterReport, None, None]:
-    # The settings are written before the first press: an .npy file does not contain them.
+    # The settings are written before the first press, because an .npy file does not contain them.
     settings = _run_settings(blocks[0])
     if (out / SUMMARY).exists():
         _check_settings(out / SUMMARY, settings)
@@ -194,7 +194,7 @@ def _prepare_layout(path: Path, layout: TaxelLayout | None) -> None:
         folder_layout = TaxelLayout.load(path)
         if layout is None or not _have_same_taxels(folder_layout, layout):
             raise ValueError(
-                f"'{path}', the layout of the presses in this folder, must have the taxels of "
+                f"'{path}', the layout of the presses in this folder, must have the same taxels as "
                 f"'layout' (got {folder_layout!r}); choose another folder"
             )
     elif layout is not None:
@@ -239,7 +239,8 @@ def _check_settings(path: Path, settings: dict[str, Any]) -> None:
                 key = next(name for name in expected if value.get(name) != expected[name])
                 value, expected = value.get(key), expected[key]
             raise ValueError(
-                f"'{path}': its presses were made with another '{key}' ({value}, not {expected}); "
+                f"'{path}': the presses were simulated with another '{key}' ({value}, not "
+                f"{expected}); "
                 "choose another folder"
             )
 
@@ -262,7 +263,7 @@ def _num_presses(block: _Block) -> int:
 
 def _write_block(readings: np.ndarray, path: Path) -> None:
     r"""Writes a file of presses, either completely or not at all."""
-    # np.save on a full disk raises an OSError without errno, so the bytes are written separately.
+    # On a full disk, np.save raises an OSError without errno, so the bytes are written separately.
     content = io.BytesIO()
     np.save(content, readings)
     with atomic_path(path) as temporary:

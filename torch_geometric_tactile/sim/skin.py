@@ -1,4 +1,4 @@
-r"""Readings of a magnetic skin from the forces on it."""
+r"""Computes the readings of a magnetic skin from the forces on it."""
 
 from dataclasses import dataclass
 
@@ -7,34 +7,41 @@ import numpy as np
 from torch_geometric_tactile.sensors import TaxelLayout
 
 _REST = np.array([33000.0, 33000.0, 37000.0])  # counts of x, y, z without contact
-_MAX_COUNT = 65535  # of 16 bits
+_MAX_COUNT = 65535  # largest 16-bit count
 
 
 @dataclass(frozen=True)
 class SkinModel:
-    r"""Computes the readings of a magnetic skin such as uSkin from forces. The constants of the
-    model are plausible, not measured. The value in brackets switches a step off.
+    r"""A model that computes the readings of a magnetic skin, such as uSkin, from forces. The
+    constants of the model are plausible, not measured.
 
-    The steps, in their order: force spreads to the neighbours in a patch (:obj:`spread`), with
-    constant sum; a part of the force is delayed (:obj:`lag`); the response saturates
-    (:obj:`saturation`); axes mix (:obj:`mixing`); gains and offsets differ between taxels and
-    devices (:obj:`gain_spread`, :obj:`offset_spread`); offset and drift differ between trials
-    (:obj:`drift`); noise is added (:obj:`noise`); the sum is rounded to 16-bit counts
-    (:obj:`quantize`).
+    The model has these steps:
+
+    1. Force spreads to the neighbours in a patch (:obj:`spread`); the sum stays constant.
+    2. A part of the force is delayed (:obj:`lag`).
+    3. The response saturates (:obj:`saturation`).
+    4. Axes mix (:obj:`mixing`).
+    5. Gains and offsets differ between taxels and devices (:obj:`gain_spread`,
+       :obj:`offset_spread`).
+    6. Offset and drift differ between trials (:obj:`drift`).
+    7. Noise is added (:obj:`noise`), and the sum is rounded to 16-bit counts (:obj:`quantize`).
+
+    In the list of arguments, the value in brackets switches a step off.
 
     Args:
         spread (float): Part of a taxel's force that its neighbours in the patch read (0).
         spread_length (float): Distance in metres over which the spread falls to 61 %.
         lag (float): Part of the force that follows with the time constant :obj:`lag_time` (0).
-            Readings of a press and a release of one second each differ by up to half of this part;
-            slower ones by :obj:`2 * lag * lag_time / seconds` of the range.
+            If a press and a release take one second each, their readings differ by up to half of
+            this part. If they are slower, the readings differ by
+            :obj:`2 * lag * lag_time / seconds` of the range.
         lag_time (float): Time constant in seconds.
         saturation (tuple of float): Force in newtons at which shear :math:`x`, :math:`y` and
             pressure :math:`z` level off (infinity).
         gain (tuple of float): Counts per newton of :math:`x, y, z`.
         mixing (float): Part of each axis that another axis reads (0).
         gain_spread (float): Relative standard deviation of the gains of the taxels (0).
-        offset_spread (float): Standard deviation of the rest readings of the taxels in counts (0).
+        offset_spread (float): Standard deviation of the taxels' readings at rest in counts (0).
         drift (float): Standard deviation of the offset of a trial, and of its drift in ten seconds,
             in counts (0).
         noise (float): Standard deviation of the noise in counts (0).
@@ -42,7 +49,7 @@ class SkinModel:
         device_seed (int): Seed of the gains, offsets and mixing of a device.
 
     Raises:
-        ValueError: If a number is negative, or :obj:`spread`, :obj:`lag` or :obj:`mixing` is not
+        ValueError: If a number is negative, or if :obj:`spread`, :obj:`lag` or :obj:`mixing` is not
             below one.
 
     Examples:
@@ -98,7 +105,8 @@ class SkinModel:
                 each taxel in newtons :math:`(T, N, 3)`.
             time (numpy.ndarray): Times in seconds :math:`(T,)`.
             layout (TaxelLayout): The taxels. Force spreads within their patches.
-            rng (numpy.random.Generator, optional): Draws drift and noise (default: without both).
+            rng (numpy.random.Generator, optional): The random number generator for drift and noise
+                (default: no drift and no noise).
 
         Raises:
             ValueError: If the shape of the forces is not :math:`(T, N, 3)`.

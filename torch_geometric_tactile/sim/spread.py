@@ -9,16 +9,16 @@ from torch_geometric_tactile._checks import need
 
 # A third of a normal distribution lies within this number of standard deviations from the mean.
 _TERCILE = 0.4307272992954576
-_OPEN_HAND_RATIO = 0.625  # spread of the open hand relative to that of the closed hand
-_MAX_LAZY_CLOSING = 0.6  # of the motion of a finger that closes completely
+_OPEN_HAND_RATIO = 0.625  # spread of the open hand relative to the closed hand
+_MAX_LAZY_CLOSING = 0.6  # relative to the motion of a finger that closes completely
 
 
 @dataclass(frozen=True)
 class GraspSpread:
-    r"""Variation between grasps of the simulated hand: standard deviations of the operator's
+    r"""The variation between grasps of the simulated hand: standard deviations of the operator's
     errors, which are drawn for each attempt.
 
-    :obj:`GraspSpread()` is a careful operator, :meth:`wide` a careless operator.
+    :obj:`GraspSpread()` is a careful operator; :meth:`wide` returns a careless operator.
 
     Args:
         yaw (float): Standard deviation of the rotation of the palm about the vertical, in radians.
@@ -26,13 +26,13 @@ class GraspSpread:
             metres.
         forward (float): Standard deviation of the position of the palm along the fingers, in
             metres.
-        posture (float): Standard deviation of each joint of the closed hand in radians; that of the
-            open hand is 0.625 times as large.
-        lazy_finger (float): Probability that the index, middle or ring finger closes by 0 to 60 %
-            only. This affects at most one finger of a grasp, and never the thumb.
+        posture (float): Standard deviation of each joint of the closed hand in radians. For the
+            open hand, it is 0.625 times as large.
+        lazy_finger (float): Probability that the index, middle or ring finger closes by only 0 to
+            60 %. This affects at most one finger per grasp, and never the thumb.
 
     Raises:
-        ValueError: If a number is negative or not finite, or :obj:`lazy_finger` is above 1.
+        ValueError: If a number is negative or not finite, or if :obj:`lazy_finger` is above 1.
 
     Examples:
         >>> GraspSpread(yaw=0.3)
@@ -52,7 +52,7 @@ class GraspSpread:
             value = getattr(self, field.name)
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
             if not is_number or not 0 <= value < float("inf"):
-                raise ValueError(f"'{field.name}' must be a number from 0 on (got {value!r})")
+                raise ValueError(f"'{field.name}' must be a number of at least 0 (got {value!r})")
             object.__setattr__(self, field.name, float(value))
         need(self.lazy_finger <= 1, "'lazy_finger' must be a probability", self.lazy_finger)
 
@@ -69,17 +69,17 @@ class GraspSpread:
         return _OPEN_HAND_RATIO * self.posture
 
     def close_less(self, closing: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        r"""Reduces the closing motion of a lazy finger, if the attempt has one. Draws nothing if
-        :obj:`lazy_finger` is zero.
+        r"""Returns the closing motion, reduced for a lazy finger if the attempt has one. No random
+        numbers are drawn if :obj:`lazy_finger` is zero.
 
         Args:
             closing (numpy.ndarray): Planned motion of the joints in radians :math:`(16,)`.
-            rng (numpy.random.Generator): Draws the lazy finger and how far it closes.
+            rng (numpy.random.Generator): The random number generator.
         """
         if self.lazy_finger == 0:
             return closing
         is_lazy = rng.random() < self.lazy_finger
-        # Drawn for every attempt, so that later draws do not depend on a lazy finger.
+        # Drawn for every attempt, so that later random numbers do not depend on a lazy finger.
         finger, fraction = int(rng.integers(3)), rng.uniform(0.0, _MAX_LAZY_CLOSING)
         if not is_lazy:
             return closing

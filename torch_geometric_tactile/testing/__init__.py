@@ -1,4 +1,4 @@
-r"""Assertions that check the laws of layers and transforms, for tests."""
+r"""Assertions for tests, which check laws that layers and transforms must satisfy."""
 
 from torch_geometric_tactile.testing.permutation_equivariant import assert_permutation_equivariant
 from torch_geometric_tactile.testing.static_equals_batched import assert_static_equals_batched

@@ -1,14 +1,15 @@
-r"""The comparison of tensors in all assertions."""
+r"""Compares tensors for all assertions."""
 
 import torch
 from torch import Tensor
 
 
 def assert_equal_numbers(law: str, actual: Tensor, expected: Tensor, atol: float) -> None:
-    r"""Raises an :class:`AssertionError` that names the law and the largest difference.
+    r"""Checks that numbers are equal. Otherwise, raises an :class:`AssertionError` that states the
+    law and the largest difference.
 
     Args:
-        law (str): The law that should hold, as a sentence.
+        law (str): Sentence that states the law.
         actual (torch.Tensor): The actual numbers.
         expected (torch.Tensor): The expected numbers. NaN equals NaN.
         atol (float): The largest allowed difference.

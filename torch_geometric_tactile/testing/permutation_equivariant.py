@@ -1,4 +1,4 @@
-r"""The assertion that a layer is permutation equivariant."""
+r"""Asserts that a layer is permutation equivariant."""
 
 from collections.abc import Callable
 
@@ -27,7 +27,7 @@ def assert_permutation_equivariant(
         layer (callable): The layer, with one output row for each node.
         x (torch.Tensor): Node features :math:`(N, F)` or :math:`(B, N, F)`.
         edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
-        seed (int): Seed of the random permutations.
+        seed (int): Seed for the random permutations.
         edge_attr (torch.Tensor, optional): Edge features or weights, shared by all samples
             :math:`(|\mathcal{E}|, D)` or :math:`(|\mathcal{E}|,)`.
         atol (float): The largest allowed difference.
@@ -43,7 +43,7 @@ def assert_permutation_equivariant(
     generator = torch.Generator().manual_seed(seed)
     order = _random_cycle(x.size(-2), generator).to(x.device)
     edge_order = _random_cycle(edge_index.size(1), generator).to(edge_index.device)
-    new_number = order.argsort()  # of each node
+    new_number = order.argsort()  # for each node
     renumbered = new_number[edge_index[:, edge_order]]
     with torch.no_grad():
         if edge_attr is None:
@@ -57,5 +57,5 @@ def assert_permutation_equivariant(
 
 def _random_cycle(size: int, generator: torch.Generator) -> Tensor:
     order = torch.randperm(size, generator=generator)
-    # A single cycle moves every element; a random permutation often leaves some in place.
+    # A single cycle moves every element, whereas a random permutation often leaves some in place.
     return torch.empty_like(order).scatter(0, order, order.roll(1))

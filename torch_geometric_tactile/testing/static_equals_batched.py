@@ -1,4 +1,4 @@
-r"""The assertion that a layer gives the same output for static and block-diagonal batches."""
+r"""Asserts that a layer returns the same output for static and block-diagonal batches."""
 
 from collections.abc import Callable
 
@@ -16,21 +16,20 @@ def assert_static_equals_batched(
     edge_attr: Tensor | None = None,
     atol: float = 1e-5,
 ) -> None:
-    r"""Asserts that a layer or model gives the same numbers on :math:`(B, N, F)`, sample by sample
-    on :math:`(N, F)`, and on PyG's block-diagonal batch :math:`(B \cdot N, F)`.
+    r"""Asserts that a layer or model returns the same numbers for a static batch :math:`(B, N, F)`,
+    for each sample :math:`(N, F)`, and for PyG's block-diagonal batch :math:`(B \cdot N, F)`.
 
-    The layer is called as :obj:`layer(x, edge_index)`, or as
-    :obj:`layer(x, edge_index, edge_attr)` with edge features. Its output may have one row for each
-    node or for each sample. Call :meth:`~torch.nn.Module.eval` first if the layer draws random
-    numbers.
+    The layer is called as :obj:`layer(x, edge_index)`, or as :obj:`layer(x, edge_index, edge_attr)`
+    with edge features. Its output may have one row for each node or for each sample. If the layer
+    draws random numbers, call :meth:`~torch.nn.Module.eval` first.
 
     Args:
         layer (callable): The layer.
         x (torch.Tensor): Node features :math:`(B, N, F)`.
-        edge_index (torch.Tensor): The edges of every sample :math:`(2, |\mathcal{E}|)`.
-        edge_attr (torch.Tensor, optional): Edge features or weights of every sample
-            :math:`(|\mathcal{E}|, D)` or :math:`(|\mathcal{E}|,)`, or different ones for each
-            sample :math:`(B, |\mathcal{E}|, D)`.
+        edge_index (torch.Tensor): Edges, which all samples share :math:`(2, |\mathcal{E}|)`.
+        edge_attr (torch.Tensor, optional): Edge features or weights that all samples share
+            :math:`(|\mathcal{E}|, D)` or :math:`(|\mathcal{E}|,)`, or separate edge features for
+            each sample :math:`(B, |\mathcal{E}|, D)`.
         atol (float): The largest allowed difference.
 
     Raises:
@@ -56,7 +55,7 @@ def assert_static_equals_batched(
     batch = Batch.from_data_list(samples)
     with torch.no_grad():
         static = layer(x, edge_index) if edge_attr is None else layer(x, edge_index, edge_attr)
-        # Rows of nodes or samples, so that outputs of both shapes can be compared.
+        # Rows of nodes or samples, so that outputs with either shape can be compared.
         rows = static.reshape(-1, static.size(-1))
         for name, parts in (("each sample", samples), ("PyG's batch", [batch])):
             outs = [

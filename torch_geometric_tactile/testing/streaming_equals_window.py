@@ -1,4 +1,4 @@
-r"""The assertion that a model gives the same output for a stream and for windows."""
+r"""Asserts that a model returns the same output for a stream and for windows."""
 
 from typing import Any
 
@@ -16,13 +16,15 @@ def assert_streaming_equals_window(
     edge_index: Tensor | None = None,
     atol: float = 1e-5,
 ) -> None:
-    r"""Asserts that a model gives the same output frame by frame as on windows.
+    r"""Asserts that a model returns the same output frame by frame as for windows.
 
-    * From :obj:`model.initial_state(batch_size)` on, :obj:`model.step(frame, edge_index, state)`
-      gives for each frame the logits of :obj:`model(window, edge_index)` on all frames so far.
-    * From frame :obj:`model.receptive_field` on, these are also the logits on the last
-      :obj:`model.receptive_field` frames: a long stream and a window cut from it are equivalent.
-      This law does not apply to a model without this attribute, such as a recurrent one.
+    * Starting from :obj:`model.initial_state(batch_size)`, :obj:`model.step(frame, edge_index,
+      state)` must return for each frame the same logits as :obj:`model(window, edge_index)` for all
+      frames so far.
+    * Starting from frame :obj:`model.receptive_field`, the logits must also be the same as for the
+      last :obj:`model.receptive_field` frames. A long stream and a window that is cut from it are
+      then equivalent. This law does not apply to a model without this attribute, such as a
+      recurrent network.
 
     Call :meth:`~torch.nn.Module.eval` first. The second law is checked if there are more frames
     than :obj:`receptive_field`.
@@ -31,7 +33,7 @@ def assert_streaming_equals_window(
         model (torch.nn.Module): The model.
         x (torch.Tensor): Windows :math:`(B, N, C \cdot T)`.
         num_frames (int): Number of frames :math:`T`.
-        edge_index (torch.Tensor, optional): Edges, passed to the model.
+        edge_index (torch.Tensor, optional): Edges that are passed to the model.
         atol (float): The largest allowed difference.
 
     Raises:

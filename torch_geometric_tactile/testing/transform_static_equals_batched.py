@@ -1,4 +1,4 @@
-r"""The assertion that a transform gives the same attributes for static and single samples."""
+r"""Asserts that a transform returns the same attributes for static and single samples."""
 
 from collections.abc import Callable
 from typing import Any
@@ -14,8 +14,8 @@ from torch_geometric_tactile.testing._compare import assert_equal_numbers
 def assert_transform_static_equals_batched(
     transform: Callable[[Any], Any], data: StaticData, atol: float = 1e-5
 ) -> None:
-    r"""Asserts that a transform gives the same attributes on
-    :class:`~torch_geometric_tactile.data.StaticData`, sample by sample, and on PyG's block-diagonal
+    r"""Asserts that a transform returns the same attributes for
+    :class:`~torch_geometric_tactile.data.StaticData`, for each sample, and for PyG's block-diagonal
     batch. A transform with :obj:`supports_static = True` must satisfy this law.
 
     Args:

@@ -1,4 +1,4 @@
-r"""Training and evaluation with Lightning; needs the extra ``train``."""
+r"""Training and evaluation with Lightning. Needs the extra ``train``."""
 
 from typing import TYPE_CHECKING
 

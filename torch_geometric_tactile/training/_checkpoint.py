@@ -12,9 +12,9 @@ from torch_geometric_tactile.training._checkpoint_file import read_checkpoint
 
 
 class AtomicCheckpointIO(TorchCheckpointIO):
-    r"""Writes checkpoints atomically: if the process is killed while writing, the previous
-    checkpoint stays unchanged. Reading verifies the checksums, and loads plain data unless
-    :obj:`weights_only=False`.
+    r"""A checkpoint plugin that writes atomically: if the process is killed while writing, the
+    previous checkpoint stays unchanged. Reading verifies the checksums and loads only plain data,
+    unless :obj:`weights_only=False`.
 
     Examples:
         >>> from tempfile import TemporaryDirectory
@@ -31,12 +31,12 @@ class AtomicCheckpointIO(TorchCheckpointIO):
         r"""Writes a checkpoint.
 
         Args:
-            checkpoint (dict): Its content.
+            checkpoint (dict): The content of the checkpoint.
             path (str or PathLike): The file.
             storage_options (optional): Not supported.
         """
-        # TorchCheckpointIO would write to a temporary file in another folder, which stays there if
-        # the process is killed.
+        # TorchCheckpointIO would write to a temporary file in another folder. This file would stay
+        # there if the process is killed.
         write_torch_file(checkpoint, path)
 
     def load_checkpoint(
@@ -46,13 +46,13 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 
         Args:
             path (str or PathLike): The file.
-            map_location (optional): Device of the tensors; the device they were saved from if left
-                out.
+            map_location (optional): Device of the tensors. Defaults to the device from which they
+                were saved.
             weights_only (bool, optional): If :obj:`False`, unpickles objects, which executes code
                 from the file.
 
         Raises:
-            FileNotFoundError: If there is no such file.
+            FileNotFoundError: If the file does not exist.
             ValueError: If the file is damaged or is not a checkpoint.
         """
         if weights_only is False:

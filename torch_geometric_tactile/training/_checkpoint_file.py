@@ -1,4 +1,4 @@
-r"""Reading the file of a checkpoint."""
+r"""Reads checkpoint files."""
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +14,7 @@ from torch_geometric_tactile.data._torch_file import read_torch_file
 from torch_geometric_tactile.predictor._content import build_model
 from torch_geometric_tactile.sensors import TaxelLayout
 
-# Settings that define the model. All others concern the training only and may differ.
+# Settings that define the model. All other settings only affect the training and may differ.
 _MODEL_SETTINGS = ("model", "num_classes", "task")
 
 _logger = logging.getLogger(__name__)
@@ -43,17 +43,17 @@ def load_module(
     strict: bool | None,
     arguments: Mapping[str, Any],
 ) -> _T:
-    r"""Builds a module from the plain description and the weights of a checkpoint.
+    r"""Returns a module built from the plain description and the weights in a checkpoint.
 
-    No code or import path of the file is executed: the model is a class of this package, looked up
-    by its name, or the argument :obj:`model`.
+    No code or import path in the file is executed: the model is a class of this package, which is
+    looked up by its name, or the argument :obj:`model`.
     """
     checkpoint = read_checkpoint(path, "cpu" if map_location is None else map_location)
     if not isinstance(checkpoint.get("module"), Mapping):
         raise ValueError(
             f"'{path}' must hold the description of its module (got none: until version 0.2.0 it "
             "was stored as import paths, which are no longer followed): use "
-            "Predictor.from_checkpoint(path), or build the module as for its training and use "
+            "Predictor.from_checkpoint(path), or build the module as for training and use "
             "trainer.test(module, datamodule=data, ckpt_path=path), or train again"
         )
     weights = checkpoint["state_dict"]
@@ -68,14 +68,14 @@ def load_module(
         module.load_state_dict(weights, strict=strict is not False)
     except Exception as error:  # a damaged file may cause any error in a constructor
         reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-        raise ValueError(f"no {cls.__name__} can be built from '{path}': {reason}") from error
+        raise ValueError(f"a {cls.__name__} cannot be built from '{path}': {reason}") from error
     tensors = (weight for weight in weights.values() if isinstance(weight, torch.Tensor))
     return module.to(next(tensors, torch.empty(0)).device)
 
 
 def compare_settings(config: Mapping[str, Any], path: PathLike) -> None:
-    r"""Compares the :obj:`model` section of a configuration with the one stored in a checkpoint.
-    Differences in settings of the training, such as the optimizer, are only logged.
+    r"""Compares the :obj:`model` section of a configuration with the section stored in a
+    checkpoint. Differences in training settings, such as the optimizer, are only logged.
 
     Raises:
         ValueError: If the settings of the model differ.
@@ -90,13 +90,13 @@ def compare_settings(config: Mapping[str, Any], path: PathLike) -> None:
             model_differences += differences
         elif differences:
             _logger.warning(
-                "using settings of the configuration instead of '%s': %s",
+                "using settings from the configuration instead of '%s': %s",
                 path,
                 "; ".join(differences),
             )
     if model_differences:
         raise ValueError(
-            f"checkpoint '{path}' must hold the model of the configuration "
+            f"checkpoint '{path}' must match the model in the configuration "
             f"({'; '.join(model_differences)}); pass the configuration of its training, such as "
             "the config.yaml of its run"
         )
@@ -106,12 +106,12 @@ def _differences(config: Any, stored: Any, path: str) -> Iterator[str]:
     if isinstance(config, Mapping) and isinstance(stored, Mapping):
         classes = [str(part.get("class_path", "")).rpartition(".")[2] for part in (config, stored)]
         if classes[0] != classes[1]:
-            yield f"'{path}' is {classes[0]}, in the checkpoint {classes[1]}"
+            yield f"'{path}' is {classes[0]} here and {classes[1]} in the checkpoint"
             return
         for key in config.keys() & stored.keys() - {"class_path", "layout"}:
             yield from _differences(config[key], stored[key], f"{path}.{key}")
     elif _to_comparable(config) != _to_comparable(stored):
-        yield f"'{path}' is {config!r}, in the checkpoint {stored!r}"
+        yield f"'{path}' is {config!r} here and {stored!r} in the checkpoint"
 
 
 def _to_comparable(value: Any) -> Any:

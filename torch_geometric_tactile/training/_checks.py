@@ -1,4 +1,4 @@
-r"""Checks of data and model before a training starts."""
+r"""Checks of the data and the model before training starts."""
 
 import warnings
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from torch_geometric_tactile.training._finite import check_part
 from torch_geometric_tactile.training._losses import balanced_weights
 from torch_geometric_tactile.training.data_module import TactileDataModule
 
-# PyG's normalisations that silently give wrong numbers for stacked samples (B, N, F).
+# PyG's normalisation layers that silently compute wrong numbers for stacked samples (B, N, F).
 _MIXING_NORMS = (BatchNorm, GraphNorm, GraphSizeNorm, LayerNorm, MeanSubtractionNorm, PairNorm)
 # Advice for samples without edges.
 EDGE_SOURCE = (
@@ -34,7 +34,7 @@ EDGE_SOURCE = (
 
 
 def num_outputs(data: TactileDataModule, task: Task) -> int:
-    r"""Returns the number of classes, labels or targets of the data; 0 if it has none."""
+    r"""Returns the number of classes, labels or targets of the data, or 0 if there are none."""
     y = data.dataset.column("y")
     if y is None:
         return 0
@@ -128,13 +128,13 @@ def _check_targets(y: Tensor, name: str) -> None:
 
 
 def check_data(module: Any, data: TactileDataModule, stage: str) -> None:
-    r"""Checks the labels and the model's inputs of the parts that a stage uses, and runs the model
-    once on two samples, without gradients and without advancing the random number generators.
+    r"""Checks the labels and the model inputs of the parts that a stage uses, and runs the model
+    once on two samples. This needs no gradients and does not advance the random number generators.
     """
     names = {"fit": ("train", "val"), "validate": ("val",)}.get(stage, ("test",))
     parts = {name: part for name in names if len(part := data.part(name))}  # type: ignore[arg-type]
     if stage == "fit" and "train" not in parts:
-        raise ValueError("the training part must have samples (got none): check 'split'")
+        raise ValueError("the training part must contain samples (got none): check 'split'")
     check_takes_batch(module.model, data)
     for name, part in parts.items():
         if stage == "predict":
@@ -161,12 +161,12 @@ def check_takes_batch(model: Any, data: TactileDataModule) -> None:
         name = model.__name__ if isinstance(model, type) else type(model).__name__
         raise ValueError(
             f"'model' must accept the sample index of each taxel, forward(x, edge_index, batch), "
-            f"since the samples have {samples.describe_taxels()} (got {name}, without 'batch')"
+            f"because the samples have {samples.describe_taxels()} (got {name}, without 'batch')"
         )
 
 
 def check_has_threshold(module: Any, data: Any, stage: str) -> None:
-    r"""Checks that there are two classes, and a validation part for choosing the threshold."""
+    r"""Checks that there are two classes, and a validation part to select the threshold on."""
     if module.num_classes != 2:
         raise ValueError(
             f"'threshold' must be left out unless there are 2 classes (got {module.num_classes})"
@@ -174,7 +174,7 @@ def check_has_threshold(module: Any, data: Any, stage: str) -> None:
     is_chosen = stage == "fit" and isinstance(module.threshold, str)
     if is_chosen and isinstance(data, TactileDataModule) and not len(data.part("val")):
         raise ValueError(
-            f"'threshold' must be a number without a validation part to choose it on (got "
+            f"'threshold' must be a number without a validation part to select it on (got "
             f"'{module.threshold}'); give a 'val' above 0, or a 'val_dataset'"
         )
 
@@ -195,8 +195,8 @@ def _warn_of_missing_classes(
             f"'{class_names[i]}'" if i < len(class_names) else str(i) for i in missing
         )
         warnings.warn(
-            f"the training part has {problem} {missing_names}, which cannot be learnt; choose "
-            "another 'split' or 'seed'",
+            f"the training part has {problem} {missing_names}, which cannot be learnt; use another "
+            "'split' or 'seed'",
             stacklevel=3,
         )
 
@@ -211,9 +211,9 @@ def _check_outputs(module: Any, batch: Data) -> None:
     ]
     try:
         with torch.no_grad(), preserve_random_states():
-            # Lightning names the device of the module before it moves the weights there.
+            # Lightning sets the device of the module before it moves the weights there.
             batch = batch.to(next(module.parameters(), torch.empty(0)).device)
-            module.inputs(batch)  # its errors name missing attributes
+            module.inputs(batch)  # raises errors that name missing attributes
             out = _run_model(module, batch)
     finally:
         for hook in hooks:
@@ -226,7 +226,7 @@ def _check_outputs(module: Any, batch: Data) -> None:
         raise ValueError(
             f"the model must return shape {expected} for {expected[0]} samples, one output for "
             f"each {kind} (got {tuple(out.shape)}); set its 'out_channels', or leave it out of the "
-            "configuration to take it from the data"
+            "configuration to derive it from the data"
         )
 
 
@@ -235,7 +235,7 @@ def _warn_of_mixed_samples(name: str, norm: Any, inputs: tuple[Any, ...]) -> Non
         warnings.warn(
             f"'{name}', PyG's {type(norm).__name__}, treats all samples of a batch (B, N, F) as "
             "one graph, so that predictions depend on the other samples; use "
-            "LayerNorm(mode='node') or the forms of docs/static_data.md",
+            "LayerNorm(mode='node') or an alternative in docs/static_data.md",
             stacklevel=2,
         )
 

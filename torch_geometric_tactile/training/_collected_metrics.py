@@ -28,8 +28,8 @@ def check_task(task: str) -> None:
 
 
 class StoredScores(Metric):
-    r"""Base class of metrics that need the scores :math:`(B, C)` and the classes or labels of all
-    batches at once. It stores them until it is reset.
+    r"""The base class of metrics that need the scores :math:`(B, C)` and the classes or labels of
+    all batches at once. The values are stored until the metric is reset.
     """
 
     full_state_update = False
@@ -59,11 +59,11 @@ class StoredScores(Metric):
 
 class MacroAUROC(StoredScores):
     r"""The mean area under the ROC curve of each class against all others, or of each label.
-    Classes that no sample or every sample has are left out (torchmetrics counts them as zero).
+    Classes that have no samples or all samples are left out (torchmetrics counts them as zero).
     """
 
     def compute(self) -> Tensor:
-        r"""Returns the mean of all samples so far."""
+        r"""Returns the mean over all samples so far."""
         if len(self.scores) == 0:
             return torch.tensor(torch.nan)
         score, y = self.scores_and_targets()
@@ -81,8 +81,8 @@ def positives(y: Tensor, num_classes: int) -> Tensor:
 
 
 def macro_auroc(score: Tensor, positive: Tensor) -> Tensor:
-    r"""Returns the mean area under the ROC curve, over the classes that some but not all samples
-    have. It is NaN if there is no such class, or a score is NaN.
+    r"""Returns the mean area under the ROC curve over the classes that some but not all samples
+    have. It is NaN if there is no such class, or if a score is NaN.
 
     Shapes:
         - **input:** :math:`(S, C)` each
@@ -99,8 +99,8 @@ def macro_auroc(score: Tensor, positive: Tensor) -> Tensor:
 
 
 def macro_f1(true_positive: Tensor, false_positive: Tensor, false_negative: Tensor) -> Tensor:
-    r"""Returns the mean F1 score of the classes, without those neither present nor predicted. It is
-    NaN if no class is left.
+    r"""Returns the mean F1 score of the classes. Classes that are neither present nor predicted are
+    left out. The mean is NaN if no class is left.
 
     Shapes:
         - **input:** :math:`(C,)` each
@@ -113,7 +113,7 @@ def macro_f1(true_positive: Tensor, false_positive: Tensor, false_negative: Tens
 
 def predicted_classes(score: Tensor, threshold: float | None = None) -> Tensor:
     r"""Returns the class with the highest probability. With a threshold for two classes, returns
-    class 1 where its probability is above the threshold.
+    class 1 if its probability is above the threshold.
 
     Shapes:
         - **input:** :math:`(S, C)`
@@ -131,8 +131,8 @@ def predicted_classes(score: Tensor, threshold: float | None = None) -> Tensor:
 def positive_scores(
     true_positive: Tensor, false_positive: Tensor, false_negative: Tensor
 ) -> dict[str, Tensor]:
-    r"""Returns :obj:`f1_positive`, :obj:`precision_positive` and :obj:`recall_positive` of class 1
-    of two; a score is zero where its denominator is zero.
+    r"""Returns :obj:`f1_positive`, :obj:`precision_positive` and :obj:`recall_positive`, the scores
+    of class 1 of two. A score is zero if its denominator is zero.
 
     Shapes:
         - **input:** :math:`(2,)` each
@@ -194,8 +194,8 @@ def update_metrics(
 
 
 def session_metric(num_classes: int, task: Task = "multiclass") -> Metric:
-    r"""Returns the metric of one recording session: the accuracy, or the mean absolute error of a
-    regression.
+    r"""Returns the metric of one recording session: the accuracy or, for a regression, the mean
+    absolute error.
 
     Shapes:
         - **num_classes:** Number of classes, labels or targets :math:`C`.

@@ -1,4 +1,4 @@
-r"""The configurations shipped with the package: single files, and experiments of templates."""
+r"""The configurations shipped with the package: single files, and experiments from templates."""
 
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from torch_geometric_tactile.training._config_files import (
 
 
 def config_names() -> list[str]:
-    r"""Returns the names of the shipped configurations, without the experiments of templates.
+    r"""Returns the names of the shipped configurations, without the experiments in templates.
 
     Examples:
         >>> "grasp_gcn_df" in config_names()
@@ -30,14 +30,14 @@ def config_names() -> list[str]:
 
 def find_config(name: str) -> Path:
     r"""Returns the path of a configuration: a file, a shipped configuration by its name, or an
-    experiment of a shipped template as :obj:`TEMPLATE/EXPERIMENT`. An experiment is written to a
+    experiment in a shipped template as :obj:`TEMPLATE/EXPERIMENT`. An experiment is written to a
     temporary file that exists until this process ends.
 
     Args:
         name (str): Path of a file, or name of a shipped configuration.
 
     Raises:
-        FileNotFoundError: If there is neither; the message lists the shipped configurations.
+        FileNotFoundError: If neither exists. The message lists the shipped configurations.
 
     Examples:
         >>> find_config("grasp_gcn_df").name
@@ -63,14 +63,14 @@ def find_config(name: str) -> Path:
     if shipped.is_file():
         return shipped
     raise FileNotFoundError(
-        f"there is no file '{name}' and no configuration of that name; shipped are: "
-        f"{', '.join(config_names())}, and TEMPLATE/EXPERIMENT for the templates "
-        f"{', '.join(TEMPLATES)}"
+        f"there is no file '{name}' and no shipped configuration of that name; the shipped "
+        f"configurations are {', '.join(config_names())}, and TEMPLATE/EXPERIMENT for the "
+        f"templates {', '.join(TEMPLATES)}"
     )
 
 
 def load_config(name: str) -> dict[str, Any]:
-    r"""Loads a configuration: a YAML file, or a shipped one by its name.
+    r"""Returns the content of a configuration: a YAML file, or a shipped configuration by its name.
 
     Args:
         name (str): Path of a file, or name of a shipped configuration.

@@ -16,11 +16,11 @@ from torch_geometric_tactile._checks import need
 from torch_geometric_tactile._files import new_scratch_folder
 from torch_geometric_tactile._limits import CONFIG_BYTES
 
-# Limits for files from unknown sources, far above those of any useful configuration.
+# Limits for files from unknown sources, far above the needs of any useful configuration.
 _MAX_VALUES = 100_000
 _MAX_DEPTH = 50
 
-# Each of these files holds many experiments: `base`, and the changes of each experiment.
+# Each of these files contains many experiments: `base`, and the changes for each experiment.
 TEMPLATES = (
     "p1_table2",
     "p1_table3",
@@ -35,7 +35,7 @@ TEMPLATES = (
 
 
 def read_yaml(path: Path) -> Any:
-    r"""Reads a YAML file of plain values. The file may come from an unknown source."""
+    r"""Reads a YAML file with plain values. The file may come from an unknown source."""
     with path.open("rb") as file:
         text = file.read(CONFIG_BYTES + 1)
     problem = f"more than {CONFIG_BYTES} bytes" if len(text) > CONFIG_BYTES else ""
@@ -43,10 +43,10 @@ def read_yaml(path: Path) -> Any:
     if not problem:
         try:
             content = yaml.load(text.decode(), Loader=_BoundedLoader)
-        except Exception as error:  # besides YAML errors, those of invalid numbers and dates
+        except Exception as error:  # YAML errors, and errors for invalid numbers and dates
             problem = " ".join(f"{type(error).__name__}: {error}".split())[:300]
     if problem or not _is_within_limits(content):
-        problem = problem or f"more than {_MAX_VALUES} values, or nested {_MAX_DEPTH} deep"
+        problem = problem or f"more than {_MAX_VALUES} values, or more than {_MAX_DEPTH} levels"
         raise ValueError(f"'{path}' cannot be read as YAML ({problem})")
     return content
 
@@ -54,11 +54,11 @@ def read_yaml(path: Path) -> Any:
 class _BoundedLoader(yaml.SafeLoader):
     # The time of the parser grows with the square of the number of open brackets.
     def fetch_flow_collection_start(self, TokenClass: Any) -> None:  # noqa: N803
-        need(self.flow_level <= _MAX_DEPTH, f"nested more than {_MAX_DEPTH} deep")
+        need(self.flow_level <= _MAX_DEPTH, f"it has more than {_MAX_DEPTH} levels")
         super().fetch_flow_collection_start(TokenClass)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        # PyYAML silently takes the last value of a duplicate key.
+        # PyYAML silently uses the last value of a duplicate key.
         keys = [key.value for key, _ in getattr(node, "value", ()) if isinstance(key.value, str)]
         duplicates = [key for i, key in enumerate(keys) if key in keys[:i]]
         if duplicates:
@@ -71,7 +71,7 @@ class _BoundedLoader(yaml.SafeLoader):
 
 
 def _is_within_limits(content: Any) -> bool:
-    # Counts a value shared by YAML aliases once for each alias, as copying and writing expand it.
+    # Counts a value shared by YAML aliases once per alias, because copying and writing expand it.
     pending, num_values = [(content, 0)], 0
     while pending:
         value, depth = pending.pop()
@@ -93,7 +93,7 @@ def _expand(template: str) -> dict[str, dict[str, Any]]:
         base_template, _, experiment = base.partition("/")
         base = _expand(base_template)[experiment]
     configs = {name: merged(base, changes) for name, changes in content["experiments"].items()}
-    # A copy through JSON, so that YAML aliases share no objects.
+    # Copying through JSON ensures that YAML aliases share no objects.
     expanded: dict[str, dict[str, Any]] = json.loads(json.dumps(configs))
     return expanded
 
@@ -101,16 +101,16 @@ def _expand(template: str) -> dict[str, dict[str, Any]]:
 def expand_template(template: str) -> dict[str, dict[str, Any]]:
     r"""Returns the full configuration of each experiment of a shipped template, in its order.
 
-    A template holds :obj:`base`, a configuration or the name of an experiment of another
-    template, and :obj:`experiments`, the changes to the base by the name of the experiment.
+    A template contains :obj:`base` and :obj:`experiments`. The base is a configuration, or the name
+    of an experiment in another template. The experiments are changes to the base, by name.
     """
     need(template in TEMPLATES, f"'template' must be one of {list(TEMPLATES)} (got '{template}')")
     return copy.deepcopy(_expand(template))
 
 
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    r"""Returns a configuration with some settings replaced. Mappings are merged key by key; lists
-    and all other values are replaced, as are the arguments of a class by those of another class.
+    r"""Returns a configuration with some settings replaced. Mappings are merged key by key. Lists
+    and all other values are replaced. If a class is replaced, its arguments are replaced as well.
 
     Examples:
         >>> merged({"a": {"b": 1, "c": [1, 2]}}, {"a": {"c": [3]}})
@@ -133,8 +133,8 @@ def _config_folder() -> Path:
 
 @cache
 def scratch_folder() -> Path:
-    r"""Returns a temporary folder that is deleted at the end of this process, or, if the process is
-    killed, by the next process that calls this function.
+    r"""Returns a temporary folder that is deleted when this process ends. If the process is killed,
+    the next process that calls this function deletes the folder.
     """
     folder = new_scratch_folder()
     atexit.register(shutil.rmtree, folder, ignore_errors=True)

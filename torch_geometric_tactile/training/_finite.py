@@ -1,4 +1,4 @@
-r"""Checks for NaN and infinite numbers, before they reach the weights or a metric."""
+r"""Checks for NaN and infinite numbers before they reach the weights or a metric."""
 
 import copy
 import warnings
@@ -20,9 +20,9 @@ from torch_geometric_tactile.nn.models._calls import input_names
 from torch_geometric_tactile.training.data_module import TactileDataModule
 from torch_geometric_tactile.transforms._samples import Samples
 
-_MAX_LISTED = 5  # samples and trials that a message names
-_MAX_FULL_CHECK_BYTES = 2**30  # reading larger parts in full would delay the start of a training
-_NUM_PROBE_SAMPLES = 64  # of a larger part, evenly spaced
+_MAX_LISTED = 5  # number of samples and trials that a message names
+_MAX_FULL_CHECK_BYTES = 2**30  # reading larger parts completely would delay the start of training
+_NUM_PROBE_SAMPLES = 64  # evenly spaced samples of a larger part
 
 
 def model_inputs(model: Any) -> tuple[str, ...]:
@@ -32,10 +32,10 @@ def model_inputs(model: Any) -> tuple[str, ...]:
 
 
 def check_part(model: Any, data: TactileDataModule, part: SampleSet, name: str) -> None:
-    r"""Checks that the inputs of a model are finite after all transforms except random ones. Of a
-    part above 1 GB, only 64 samples are checked.
+    r"""Checks that the inputs of a model are finite after all transforms except random transforms.
+    If a part is larger than 1 GB, only 64 of its samples are checked.
 
-    A sample is transformed for this check only if a number is NaN or infinite before the
+    A sample is transformed for this check only if it contains a NaN or infinite number before the
     transforms.
     """
     candidates = _nonfinite_samples(part)
@@ -128,7 +128,7 @@ class BatchCheck:
                 raise _nonfinite_error(key, self.name, value[~value.isfinite()], samples)
 
     def loss(self, loss: Tensor, out: Tensor) -> None:
-        r"""Checks a loss, before it reaches the weights.
+        r"""Checks a loss before it reaches the weights.
 
         Shapes:
             - **out:** Outputs of the model :math:`(B, C)`.
@@ -187,7 +187,8 @@ class BatchCheck:
 
 
 def _is_finite(value: Tensor) -> bool:
-    # The sum is much faster. It may overflow although all values are finite, hence the full check.
+    # The sum is much faster, but it may overflow even if all values are finite. In that case, all
+    # values are checked.
     return bool(value.sum().isfinite()) or bool(value.isfinite().all())
 
 
@@ -230,12 +231,12 @@ def _nonfinite_error(key: str, part: str, values: Tensor, samples: str) -> Value
     )
     attribute = "readings 'x'" if key == "x" else f"'{key}'"
     if not num_missing:
-        advice = "correct them in the data, or leave these samples out"
+        advice = "correct the data, or leave these samples out"
     elif key == "x":
         advice = "add FillMissing() to the transform, after all steps that may give NaN"
     else:
         advice = (
-            f"FillMissing() fills readings only: fill '{key}' in the data, or leave these samples "
+            f"FillMissing() fills only readings: fill '{key}' in the data, or leave these samples "
             "out"
         )
     return ValueError(
@@ -248,7 +249,7 @@ def _cause(model: Any, outputs_nonfinite: bool) -> str:
     for name, value in model.state_dict().items():
         if value.is_floating_point() and not _is_finite(value):
             return (
-                f"the weights '{name}' are not finite since an earlier step: lower the learning "
+                f"an earlier step has made the weights '{name}' non-finite: lower the learning "
                 "rate, or set the trainer's 'gradient_clip_val'"
             )
     if outputs_nonfinite:

@@ -6,12 +6,12 @@ from typing import Any
 
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_layout
 
-_CONTENT_PREFIX = "layout="  # marks a text that holds the content of a layout, not its name
+_CONTENT_PREFIX = "layout="  # marks a text with the content of a layout instead of its name
 
 
 def layout_from_text(text: str) -> TaxelLayout:
-    r"""Returns the layout for a text in a configuration: the name of a layout of the package, the
-    path of a layout file, or the output of :func:`layout_to_text`.
+    r"""Returns the layout for a text in a configuration. The text is the name of a layout of the
+    package, the path of a layout file, or the output of :func:`layout_to_text`.
     """
     if text.startswith(_CONTENT_PREFIX):
         return TaxelLayout.from_dict(json.loads(text.removeprefix(_CONTENT_PREFIX)))
@@ -20,11 +20,11 @@ def layout_from_text(text: str) -> TaxelLayout:
 
 def layout_to_text(layout: TaxelLayout) -> str:
     r"""Returns the shortest text that :func:`layout_from_text` reads on any machine: the name of a
-    layout of the package, or else the full content of the layout.
+    layout of the package, or otherwise the full content of the layout.
     """
     if _is_stock(layout):
         return layout.name
-    # The prefix and the missing spaces keep jsonargparse from parsing the text as a mapping where a
+    # The prefix and the missing spaces prevent jsonargparse from parsing the text as a mapping if a
     # class accepts several types.
     content = json.dumps(layout.to_dict(), separators=(",", ":"))
     return _CONTENT_PREFIX + content.replace(" ", "\\u0020")

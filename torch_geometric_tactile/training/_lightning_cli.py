@@ -44,14 +44,14 @@ _ADVERT_LOGGERS = ("lightning.pytorch.utilities.rank_zero", "lightning.fabric.ut
 
 @dataclass
 class UnparsedArguments:
-    r"""Configuration files merged in their order, and the remaining arguments."""
+    r"""The merged configuration files, in order, and the remaining arguments."""
 
     config: dict[str, Any] = field(default_factory=dict)
     remaining: list[str] = field(default_factory=list)
 
     @classmethod
     def read(cls, args: Sequence[str]) -> Self:
-        r"""Reads the configuration files that arguments name."""
+        r"""Reads the configuration files named in the arguments."""
         configs, remaining = extract_options(args, _CONFIG_FLAGS.__contains__)
         arguments = cls(remaining=remaining)
         for flag, path in configs:
@@ -63,14 +63,14 @@ class UnparsedArguments:
 
     @property
     def only_prints(self) -> bool:
-        r"""If :obj:`True`, help or the configuration is printed and nothing is run."""
+        r"""Whether only the help or the configuration is printed and nothing is run."""
         flags = [arg.partition("=")[0] for arg in self.remaining]
         is_help = any(flag in ("-h", "--help") or flag.endswith(".help") for flag in flags)
         return is_help or self.prints_config
 
     @property
     def prints_config(self) -> bool:
-        r"""If :obj:`True`, the configuration is printed."""
+        r"""Whether the configuration is printed."""
         return any(arg.partition("=")[0] == "--print_config" for arg in self.remaining)
 
     def section_arguments(self, section: str) -> list[str]:
@@ -82,7 +82,7 @@ class UnparsedArguments:
         return [f"{flag}={value or ''}" for flag, value in options]
 
     def last_value(self, *names: str) -> str | None:
-        r"""Returns the last value of an option; :obj:`None` if the option is absent."""
+        r"""Returns the last value of an option, or :obj:`None` if the option is absent."""
         options, _ = extract_options(self.remaining, {f"--{name}" for name in names}.__contains__)
         return options[-1][1] if options else None
 
@@ -104,7 +104,7 @@ def extract_options(
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    r"""Reads a configuration file, and the files that its sections refer to."""
+    r"""Reads a configuration file and the files to which its sections refer."""
     content = _read_mapping(path)
     for section in _SECTIONS:  # a section may be the name of a file in the same folder
         if isinstance(content.get(section), str):
@@ -119,7 +119,7 @@ def read_config(path: Path) -> dict[str, Any]:
 
 def _read_mapping(path: Path) -> dict[str, Any]:
     if not path.is_file():
-        raise FileNotFoundError(f"there is no configuration '{path}'")
+        raise FileNotFoundError(f"the configuration '{path}' does not exist")
     content = read_yaml(path)
     if content is None:
         return {}
@@ -134,10 +134,10 @@ def _read_mapping(path: Path) -> dict[str, Any]:
 class TactileCLI(LightningCLI):
     r"""Lightning's command line for :class:`TactileModule` and :class:`TactileDataModule`.
 
-    The data is built before all other arguments are parsed, since the sizes of the model follow
-    from it (see :func:`~torch_geometric_tactile.training._sizes.fill_sizes`). Checkpoints are plain
-    data (read with :obj:`weights_only=True`) and are written atomically. Every run logs to CSV and
-    TensorBoard and saves the checkpoint of its last epoch.
+    The data is built before all other arguments are parsed, because the sizes of the model follow
+    from the data (see :func:`~torch_geometric_tactile.training._sizes.fill_sizes`). Checkpoints are
+    plain data (read with :obj:`weights_only=True`) and are written atomically. Every run logs to
+    CSV and TensorBoard and saves the checkpoint of its last epoch.
     """
 
     def __init__(
@@ -163,7 +163,7 @@ class TactileCLI(LightningCLI):
             },
             trainer_defaults={
                 "log_every_n_steps": 10,
-                # By name, so that the saved configuration of a run can be read again.
+                # Passed by name, so that the saved configuration of a run can be read again.
                 "plugins": [{"class_path": f"{AtomicCheckpointIO.__module__}.AtomicCheckpointIO"}],
                 "callbacks": [ModelCheckpoint(save_last=True)],
                 "logger": [
@@ -180,7 +180,7 @@ class TactileCLI(LightningCLI):
         )
 
     def add_core_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
-        r"""Adds the arguments of trainer and model, and of the data, which is built beforehand."""
+        r"""Adds the arguments of the trainer, the model and the data. The data is built before."""
         parser.add_lightning_class_args(self.trainer_class, "trainer")
         defaults = {f"trainer.{k}": v for k, v in self.trainer_defaults.items() if k != "callbacks"}
         parser.set_defaults(defaults)
@@ -200,7 +200,7 @@ class TactileCLI(LightningCLI):
             if isinstance(args, list):
                 args = self._with_sizes(args)
             super().parse_arguments(parser, args)
-            if self._data is not None:  # again, to check sizes from the command line
+            if self._data is not None:  # fill in again, to check sizes from the command line
                 self._use_layout(fill_sizes(self._section()["model"].as_dict(), self._data))
             if self._folder is not None:
                 self._use_folder(self._folder)
@@ -209,7 +209,7 @@ class TactileCLI(LightningCLI):
         return self.config.get(str(self.config.get("subcommand")), self.config)
 
     def _use_layout(self, section: dict[str, Any]) -> None:
-        # For an argument without an annotation, to which the parser would pass the text.
+        # Needed for an argument without an annotation: the parser would pass the text.
         model = section.get("model")
         layout = (model.get("init_args") or {}).get("layout") if isinstance(model, dict) else None
         if isinstance(layout, TaxelLayout):
@@ -233,11 +233,11 @@ class TactileCLI(LightningCLI):
         except (OSError, ValueError) as error:
             if not arguments.prints_config:
                 raise
-            # Users print the configuration to find its settings before they have data.
+            # Users print the configuration to see its settings before they have data.
             sys.stderr.write(f"tactile: the sizes of the model are not filled in: {error}\n")
             return args
         model = dict(arguments.config.get("model") or {})
-        if section := arguments.last_value("model"):  # a file with this section
+        if section := arguments.last_value("model"):  # the name of a file with this section
             model = merged(model, read_config(Path(section)))
         class_path = arguments.last_value("model.model", "model.model.class_path")
         if class_path is not None:
@@ -271,12 +271,12 @@ class TactileCLI(LightningCLI):
             self.trainer = self.instantiate_trainer()
 
     def _parse_ckpt_path(self) -> None:
-        # Since 2.6, Lightning would replace the configuration by the one stored in the checkpoint.
+        # Since version 2.6, Lightning would replace the configuration by the stored configuration.
         pass
 
     def after_instantiate_classes(self) -> None:
         r"""Stores the model's configuration for checkpoints, and compares it with the configuration
-        in the checkpoint that is loaded. Nothing is built from the checkpoint's configuration.
+        in a loaded checkpoint. Nothing is built from the checkpoint's configuration.
         """
         config: dict[str, Any] = self.config_dump["model"]
         self.model.config = config
@@ -303,7 +303,7 @@ class TactileCLI(LightningCLI):
 
     def after_fit(self) -> None:
         r"""Prints the metrics and the checkpoints of the training."""
-        folder = self.trainer.log_dir  # broadcast by Lightning, so all processes must call it
+        folder = self.trainer.log_dir  # Lightning broadcasts it, so all processes must access it
         if self.trainer.is_global_zero:
             sys.stdout.write(fit_summary(self.trainer, folder) + "\n")
             sys.stdout.flush()
@@ -336,7 +336,7 @@ def _build_data(arguments: UnparsedArguments) -> TactileDataModule:
     if not isinstance(seed, str | int):
         raise ValueError(f"'seed_everything' must be a number (got {seed!r})")
     if str(seed).lower() not in ("true", "false"):
-        L.seed_everything(int(seed), verbose=False)  # for randomly generated data
+        L.seed_everything(int(seed), verbose=False)  # data may be generated at random
     parser = ArgumentParser(exit_on_error=False)
     parser.add_argument("--config", action=ActionConfigFile)
     _add_data_arguments(parser, instantiate=True)
@@ -356,7 +356,8 @@ def run_lightning(args: Sequence[str]) -> None:
     args, folder = _output_folder(args)
     args, name = resolve_config_names(args)
     with warnings.catch_warnings(), _without_adverts():
-        # These are the arguments of the process, with names of configurations replaced by paths.
+        # The warning is wrong: these are the arguments of the process, with paths in place of names
+        # of configurations.
         warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
         warnings.filterwarnings("ignore", message=".*LeafSpec.*")  # Lightning under torch 2.13
         # Every run has its own folder, even when it resumes another run.
@@ -374,7 +375,7 @@ def _output_folder(args: Sequence[str]) -> tuple[list[str], str | None]:
 
 def resolve_config_names(args: Sequence[str]) -> tuple[list[str], str | None]:
     r"""Replaces names of shipped configurations after :obj:`--config` by paths. Returns the
-    arguments and the name of the last configuration, :obj:`None` without one.
+    arguments and the name of the last configuration, or :obj:`None` if there is none.
     """
     resolved, name = list(args), None
     for i, arg in enumerate(resolved):
@@ -394,7 +395,7 @@ def resolve_config_names(args: Sequence[str]) -> tuple[list[str], str | None]:
 
 
 def fit_summary(trainer: L.Trainer, folder: str | None = None) -> str:
-    r"""Returns a table of the last metrics of the validation part, the paths of the checkpoints,
+    r"""Returns a table with the last metrics on the validation part, the paths of the checkpoints,
     and the command that tests the last checkpoint. The test part is not used.
     """
     metrics = {key: float(value) for key, value in trainer.callback_metrics.items()}
@@ -426,12 +427,12 @@ def _next_commands(trainer: L.Trainer, checkpoint: str, folder: str | None) -> s
     config = None if folder is None else Path(folder) / "config.yaml"
     config_path = _relative_path(config) if config is not None and config.is_file() else "CONFIG"
     checkpoint_path = _relative_path(checkpoint)
-    test = f"Test it:\n  tactile test --config {config_path} --ckpt_path {checkpoint_path}"
+    test = f"To test it:\n  tactile test --config {config_path} --ckpt_path {checkpoint_path}"
     if isinstance(data, TactileDataModule) and data.layout is None:
         return test  # a predictor needs a layout
     return (
         f"{test}\n"
-        "Use it on raw readings (scaling included), or on a robot without PyTorch:\n"
+        "To use it on raw readings (with scaling), or on a robot without PyTorch:\n"
         f"  tactile predict {checkpoint_path} RECORDING\n"
         f"  tactile export {checkpoint_path} model.onnx"
     )
@@ -444,7 +445,7 @@ def _relative_path(path: str | Path) -> str:
 
 @contextmanager
 def _without_adverts() -> Iterator[None]:
-    r"""Drops the log messages in which Lightning advertises other products, within a :obj:`with`
+    r"""Hides the log messages in which Lightning advertises other products within a :obj:`with`
     block. All other messages and warnings are shown.
     """
     loggers = [logging.getLogger(name) for name in _ADVERT_LOGGERS]

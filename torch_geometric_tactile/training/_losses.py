@@ -50,11 +50,11 @@ def check_loss(
 
 
 def balanced_weights(y: Tensor, task: Task, num_classes: int) -> Tensor:
-    r"""Returns weights that make rare classes count as much as common ones.
+    r"""Returns weights that make rare classes count as much as common classes.
 
     The weight of class :math:`c` is :math:`S / (C S_c)`, as in scikit-learn. The weight of a label
-    is the number of samples without the label over the number of samples with it. A class that no
-    sample has, or a label that no sample or every sample has, gets weight one.
+    is the number of samples without the label divided by the number of samples with the label. The
+    weight is one for classes without samples, and for labels that no sample or every sample has.
 
     Examples:
         >>> balanced_weights(torch.tensor([0, 0, 0, 1]), "multiclass", 2)
@@ -95,14 +95,14 @@ def task_loss(
     weights: Tensor | None = None,
     label_smoothing: float = 0.0,
 ) -> Tensor:
-    r"""Returns the mean loss of a batch: the cross entropy of classes, the binary cross entropy of
-    labels, or the mean squared error of numbers.
+    r"""Returns the mean loss of a batch: the cross entropy for classes, the binary cross entropy
+    for labels, or the mean squared error for numbers.
 
     Shapes:
         - **out:** Outputs of the model :math:`(B, C)`.
         - **y:** Classes :math:`(B,)`, labels :math:`(B, C)`, or numbers :math:`(B, C)` or
           :math:`(B,)`.
-        - **weights:** Weight of each class, or of the samples with each label :math:`(C,)`.
+        - **weights:** Weight of each class, or of the samples that have each label :math:`(C,)`.
     """
     if task == "regression":
         return _REGRESSION[loss or "mse"](out, numbers_like(y, out))

@@ -31,8 +31,8 @@ def collect_predictions(
     batches: Iterable[Data],
     device: torch.device | str | None = None,
 ) -> Outputs:
-    r"""Returns the predictions of a classifier for all samples, in their order. The classifier is
-    in evaluation mode meanwhile, and its previous mode is restored.
+    r"""Returns the predictions of a classifier for all samples in order. The classifier is switched
+    to evaluation mode, and its previous mode is restored afterwards.
     """
     device = classifier.device if device is None else torch.device(device)
     was_training = classifier.training

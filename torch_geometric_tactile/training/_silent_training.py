@@ -10,7 +10,7 @@ from torch_geometric_tactile.training.quiet import quiet_lightning
 @contextmanager
 def silent_training() -> Iterator[None]:
     r"""Suppresses all warnings and Lightning's messages within a :obj:`with` block. Ctrl-C ends the
-    program, not the training alone.
+    program instead of only the training.
     """
     with quiet_lightning(), warnings.catch_warnings():
         warnings.simplefilter("ignore")

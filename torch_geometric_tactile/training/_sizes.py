@@ -1,4 +1,4 @@
-r"""The sizes of a model, such as its input channels, derived from the data."""
+r"""Derives the sizes of a model, such as its input channels, from the data."""
 
 import inspect
 import types
@@ -38,16 +38,16 @@ class DataSizes:
     Args:
         layout (TaxelLayout, optional): The layout of the sensor; :obj:`None` if samples may have
             different layouts.
-        in_channels (int): Features :math:`F` of each taxel in :obj:`x`.
+        in_channels (int): Number of features :math:`F` of each taxel in :obj:`x`.
         num_outputs (int): Number of classes, labels or targets; 0 if unknown.
         num_edges (int): Number of edges.
         num_joints (int): Number of joint angles; 0 if there are none.
         channels (dict): Number of features of each input that the samples have: :obj:`"tactile"`,
             :obj:`"edge"`, :obj:`"absolute"` or :obj:`"position"`.
-        all_outputs (bool): If :obj:`False`, :obj:`num_outputs` is a lower bound: without names of
-            the classes, there may be classes that no sample has.
-        num_frames (int, optional): Number of frames :math:`T` of a window, whose features are those
-            of all its frames; :obj:`None` for single frames.
+        all_outputs (bool): If :obj:`False`, :obj:`num_outputs` is a lower bound: without class
+            names, there may be classes that have no samples.
+        num_frames (int, optional): Number of frames :math:`T` per window; the features of a window
+            are the features of all its frames. :obj:`None` for single frames.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import allegro_uskin
@@ -70,12 +70,12 @@ class DataSizes:
 
     @classmethod
     def from_data(cls, data: TactileDataModule, task: Task = "multiclass") -> Self:
-        r"""Returns the sizes of one sample of a data module. The data module need not be set up,
-        since the fitted transforms, which are left out, change no size.
+        r"""Returns the sizes of one sample of a data module. The data module need not be set up:
+        fitted transforms are not applied, because they change no size.
 
         Args:
             data (TactileDataModule): The data.
-            task (str): Task that defines the meaning of :obj:`y`.
+            task (str): The task, which defines the meaning of :obj:`y`.
 
         Raises:
             ValueError: If :obj:`y` does not fit :obj:`task`.
@@ -103,15 +103,15 @@ class DataSizes:
 
     @property
     def frame_channels(self) -> int:
-        r"""Number of features of each taxel in one frame, such as the number of its axes or
+        r"""The number of features of each taxel in one frame, such as the number of its axes or
         fingers.
         """
         return self.in_channels // (self.num_frames or 1)
 
 
 def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -> dict[str, Any]:
-    r"""Fills in the sizes that the configuration of a model leaves out, and checks the sizes in the
-    configuration against the data.
+    r"""Returns the configuration of a model with missing sizes filled in from the data. Sizes in
+    the configuration are checked against the data.
 
     Arguments of the model are filled in by their names: :obj:`layout`, :obj:`num_nodes`,
     :obj:`num_taxels`, :obj:`in_channels`, :obj:`channels`, :obj:`out_channels`,
@@ -128,8 +128,8 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
     * A :obj:`layout` without an annotation is filled in as a
       :class:`~torch_geometric_tactile.sensors.TaxelLayout`; all other values are plain data.
 
-    An argument that is a module, such as :obj:`encoder`, may be given by the import path of its
-    class alone.
+    An argument that is a module, such as :obj:`encoder`, may be given as the import path of its
+    class.
 
     Args:
         config (Mapping): The :obj:`model` section of a configuration: the arguments of
@@ -141,8 +141,8 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
         dict: The section with all sizes.
 
     Raises:
-        ValueError: If a given size differs from that of the data, or an argument without a
-            default is neither given nor filled in.
+        ValueError: If a size in the configuration differs from the data, or if an argument without
+            a default is neither given nor filled in.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -159,7 +159,7 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
     if not isinstance(model, Mapping) or "class_path" not in model:
         return filled
     cls = _find_class(model["class_path"])
-    if cls is None:  # building the model gives the detailed error
+    if cls is None:  # building the model raises the detailed error
         return filled
     task: Task = filled.get("task") or "multiclass"
     check_task(task)
@@ -181,8 +181,8 @@ def fill_sizes(config: Mapping[str, Any], data: TactileDataModule | DataSizes) -
             init_args[name] = value
     for name, parameter in _parameters(cls).items():
         value = init_args.get(name)
-        # For an argument that accepts a string or a module, such as `encoder`, jsonargparse would
-        # keep the import path of a class as a string.
+        # If an argument accepts a string or a module, such as `encoder`, jsonargparse would leave
+        # the import path of a class as a string.
         if isinstance(value, str) and "." in value and _accepts(parameter.annotation, Module):
             init_args[name] = {"class_path": value}
     _check_complete(cls, parameters, {**(model.get("dict_kwargs") or {}), **init_args}, sizes)
@@ -198,22 +198,22 @@ def _check_complete(
     arguments: Mapping[str, Any],
     sizes: DataSizes,
 ) -> None:
-    # For a user's own class, the parser would pass None for missing arguments.
+    # The parser would pass None for missing arguments of a user's class.
     for name, parameter in parameters.items():
         if parameter.default is not parameter.empty or name in arguments:
             continue
         if sizes.layout is None and name in ("layout", "num_nodes", "num_taxels"):
             raise ValueError(
                 f"{cls.__name__} must be a model for any sensor, with forward(x, edge_index, "
-                f"batch) and without '{name}', since the samples share no layout"
+                f"batch) and without '{name}', because the samples share no layout"
             )
         if name in _FILLED_ARGUMENTS:
             raise ValueError(
-                f"'{name}' of {cls.__name__} must be given, or have a default, since it cannot be "
+                f"'{name}' of {cls.__name__} must be given or have a default, because it cannot be "
                 "derived from the data"
             )
         raise ValueError(
-            f"'{name}' of {cls.__name__} must be given, or have a default; only "
+            f"'{name}' of {cls.__name__} must be given or have a default; only "
             f"{', '.join(_FILLED_ARGUMENTS[:-1])} and {_FILLED_ARGUMENTS[-1]} are filled in"
         )
 
@@ -257,7 +257,7 @@ def _argument_size(
         return None if is_divisor else num_channels
     if name == "num_joints" and init_args.get(name, 0) is None and not sizes.num_joints:
         raise ValueError(
-            f"'num_joints' of {cls.__name__} must be left out or 0, since the data has no joint "
+            f"'num_joints' of {cls.__name__} must be left out or 0, because the data has no joint "
             "angles (got null)"
         )
     return {
@@ -273,7 +273,7 @@ def _finger_channels(sizes: DataSizes, init_args: Mapping[str, Any], cls: type) 
     if "num_fingers" not in parameters:
         return sizes.in_channels
     num_fingers = init_args.get("num_fingers")
-    if sizes.num_frames is not None:  # 60 features may be 3 fingers of 20 frames, or 1 of 60
+    if sizes.num_frames is not None:  # 60 features may be 3 fingers x 20 frames, or 1 x 60
         return sizes.num_frames * (sizes.frame_channels // (num_fingers or sizes.frame_channels))
     num_fingers = num_fingers or parameters["num_fingers"].default
     if not isinstance(num_fingers, int) or sizes.in_channels % num_fingers:
@@ -302,7 +302,7 @@ def _check_size(argument: str, value: Any, expected: Any, sizes: DataSizes) -> N
     qualifier = "at least " if is_lower_bound else ""
     raise ValueError(
         f"{argument} must be {qualifier}{expected}, as in the data (got {value}); leave it out to "
-        "take it from the data"
+        "derive it from the data"
     )
 
 
@@ -316,7 +316,7 @@ def _check_layout(argument: str, value: Any, layout: TaxelLayout) -> None:
     if not matches:
         raise ValueError(
             f"{argument} must be '{layout.name}' with {layout.num_taxels} taxels, as in the data "
-            f"(got {value!r}); leave it out to take it from the data"
+            f"(got {value!r}); leave it out to derive it from the data"
         )
 
 
@@ -327,7 +327,7 @@ def _layout_argument(
         return layout
     if annotation is TaxelLayout:  # a dataclass, which jsonargparse reads field by field
         raise ValueError(
-            f"'layout' of {cls.__name__} must accept text, to be stored in a configuration (got "
+            f"'layout' of {cls.__name__} must accept text to be stored in a configuration (got "
             "only TaxelLayout): annotate it TaxelLayout | str, and call as_layout on it"
         )
     if _accepts(annotation, TaxelLayout) or (_accepts(annotation, str) and _is_stock(layout)):

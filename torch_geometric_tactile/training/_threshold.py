@@ -1,4 +1,4 @@
-r"""The probability above which class 1 of two is predicted, chosen on a validation part."""
+r"""Selects the probability above which class 1 of two is predicted, on a validation part."""
 
 from typing import get_args
 
@@ -13,8 +13,8 @@ THRESHOLD_METRICS: tuple[ThresholdMetric, ...] = get_args(ThresholdMetric)
 
 
 def check_threshold(threshold: float | str | None, task: Task) -> None:
-    r"""Checks that a threshold is a probability or the name of a metric, and that its task allows
-    one.
+    r"""Checks that a threshold is a probability or the name of a metric, and that the task allows a
+    threshold.
     """
     if threshold is None:
         return
@@ -26,7 +26,7 @@ def check_threshold(threshold: float | str | None, task: Task) -> None:
     is_name = isinstance(threshold, str)
     if threshold not in THRESHOLD_METRICS if is_name else not 0 <= float(threshold) <= 1:
         raise ValueError(
-            "'threshold' must be a probability, or the metric that chooses it on the "
+            "'threshold' must be a probability, or the metric that selects it on the "
             f"validation part, one of {list(THRESHOLD_METRICS)} (got {threshold!r})"
         )
 
@@ -34,8 +34,8 @@ def check_threshold(threshold: float | str | None, task: Task) -> None:
 def choose_threshold(
     score: np.ndarray, y: np.ndarray, metric: ThresholdMetric, default: float = 0.5
 ) -> float:
-    r"""Returns the threshold with the best metric. Of equally good thresholds, it is the one
-    nearest to the default. It lies halfway between two scores, or is the default itself.
+    r"""Returns the threshold with the best metric. Of equally good thresholds, the one nearest to
+    the default is returned. It lies halfway between two scores, or is the default itself.
 
     Examples:
         >>> choose_threshold(np.array([0.1, 0.2, 0.3, 0.4]), np.array([0, 0, 1, 1]), "accuracy")
@@ -53,8 +53,8 @@ def choose_threshold(
     if y.all() or not y.any():
         return default
     distinct_scores, rank = np.unique(score, return_inverse=True)
-    # Element i counts the samples of class 1, then of class 0, among the i lowest distinct scores:
-    # a threshold above these scores predicts class 0 for them.
+    # Element i counts the samples of class 1, and then of class 0, among the i lowest distinct
+    # scores. A threshold above these scores predicts class 0 for them.
     num_below = [
         np.concatenate(
             [[0], np.cumsum(np.bincount(rank.reshape(-1)[mask], minlength=len(distinct_scores)))]
@@ -71,7 +71,7 @@ def choose_threshold(
         ]
     )
     low, high = edges[:-1], edges[1:]
-    # A score equal to the threshold is class 0, so the lower edge belongs to each interval.
+    # A score equal to the threshold predicts class 0, so each interval includes its lower edge.
     contains_default = (low <= default) & ((default < high) | (np.arange(len(low)) == len(low) - 1))
     threshold = np.where(contains_default, default, (low + high) / 2)
     best = np.flatnonzero(values >= values.max() - 1e-12)
@@ -81,7 +81,7 @@ def choose_threshold(
 def _metric_values(
     metric: str, tp: np.ndarray, fp: np.ndarray, num_positive: int, num_negative: int
 ) -> np.ndarray:
-    # The metric at each threshold, from the numbers of samples of class 1 and 0 above it.
+    # The metric at each threshold, from the numbers of samples of class 1 and class 0 above it.
     fn, tn = num_positive - tp, num_negative - fp
     if metric == "accuracy":
         return np.asarray((tp + tn) / (num_positive + num_negative))
@@ -94,7 +94,7 @@ def _metric_values(
 
 
 class BestThreshold(StoredScores):
-    r"""Metric that computes the threshold of :func:`choose_threshold` from the probabilities
+    r"""A metric that computes the threshold of :func:`choose_threshold` from the probabilities
     :math:`(B, 2)` of all batches.
     """
 

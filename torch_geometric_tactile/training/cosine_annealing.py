@@ -9,14 +9,14 @@ from torch_geometric_tactile._checks import need
 
 
 class CosineAnnealing(CosineAnnealingLR):
-    r"""Decreases the learning rate along half a cosine over all epochs of the run, as
-    :class:`torch.optim.lr_scheduler.CosineAnnealingLR` does over :obj:`T_max` epochs. After
-    :obj:`T_max` epochs the learning rate of PyTorch's class rises again; this class takes the
-    number of epochs from the trainer unless :obj:`T_max` is given.
+    r"""A scheduler that decreases the learning rate along half a cosine over all epochs of the run.
+
+    It is a :class:`torch.optim.lr_scheduler.CosineAnnealingLR` that takes :obj:`T_max` from the
+    trainer. In PyTorch's class, the learning rate rises again after :obj:`T_max` epochs.
 
     Args:
         optimizer (torch.optim.Optimizer): The optimizer.
-        T_max (int, optional): Number of epochs; the trainer's :obj:`max_epochs` if left out.
+        T_max (int, optional): Number of epochs. Defaults to the trainer's :obj:`max_epochs`.
         eta_min (float): Learning rate after the last epoch.
 
     Raises:
@@ -45,10 +45,10 @@ class CosineAnnealing(CosineAnnealingLR):
         r"""Sets the number of epochs of the run, unless :obj:`T_max` was given.
 
         Args:
-            max_epochs (int, optional): Number of epochs of the trainer.
+            max_epochs (int, optional): The trainer's number of epochs.
 
         Raises:
-            ValueError: If the number is needed and not set.
+            ValueError: If the number is needed but not given.
         """
         if not self.follows_run:
             return
@@ -63,7 +63,7 @@ class CosineAnnealing(CosineAnnealingLR):
         r"""Restores the state from a checkpoint, except the number of epochs of its run.
 
         Args:
-            state_dict (dict): State of another scheduler of this class.
+            state_dict (dict): The state of another scheduler of this class.
         """
         run_length = {"T_max": self.T_max, "follows_run": self.follows_run}
         super().load_state_dict({**state_dict, **(run_length if self.follows_run else {})})

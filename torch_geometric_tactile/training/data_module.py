@@ -24,70 +24,72 @@ from torch_geometric_tactile.sensors import TaxelLayout
 from torch_geometric_tactile.transforms import FittedTransform, fit_parts
 from torch_geometric_tactile.transforms.fitting import fitted_parts
 
-# A configuration cannot hold a list of samples. With a single type at runtime, the messages of
+# A configuration cannot contain a list of samples. With a single type at runtime, the messages of
 # jsonargparse are shorter than with a union, for which it reports the failure of every member.
 if TYPE_CHECKING:
     _AnyDataset = Dataset | Sequence[Data]
 else:
     _AnyDataset = Dataset
-_SPLITS = ("frame", "trial", "group")  # need not be known if nothing is held out
+_SPLITS = ("frame", "trial", "group")  # may be missing from the data if nothing is held out
 
 
 class TactileDataModule(L.LightningDataModule):
     r"""Splits a data set, fits the scaling on its training part, and loads batches.
 
-    The parts of a data set with a published split, such as
-    :class:`~torch_geometric_tactile.datasets.AllegroUSkin`, are passed separately: :obj:`dataset`
-    with :obj:`split="train"`, :obj:`val_dataset` with :obj:`split="val"` and :obj:`test_dataset`
-    with :obj:`split="test"`.
+    If a data set has a published split, as
+    :class:`~torch_geometric_tactile.datasets.AllegroUSkin` does, pass its parts separately:
+    :obj:`dataset` with :obj:`split="train"`, :obj:`val_dataset` with :obj:`split="val"` and
+    :obj:`test_dataset` with :obj:`split="test"`.
 
-    The transform of the data set is applied first, then :obj:`transform`, and in training batches
-    finally :obj:`train_transform`. An augmentation therefore works on scaled readings, where zero
-    is the mean of a taxel, and affects neither the fit of the scaling nor validation, test and
-    prediction. The random numbers of an augmentation depend only on the epoch and the number of the
-    batch (see :class:`~torch_geometric_tactile.loader.StaticLoader`), not on the number of workers.
+    Transforms are applied in this order: the transform of the data set, then :obj:`transform`, and
+    in training batches finally :obj:`train_transform`. An augmentation therefore works on scaled
+    readings, where zero is the mean of a taxel. It affects neither the fit of the scaling nor
+    validation, test and prediction. The random numbers of an augmentation depend only on the epoch
+    and the number of the batch, not on the number of workers (see
+    :class:`~torch_geometric_tactile.loader.StaticLoader`).
 
-    Samples of different sensors, whose taxels and edges differ, are passed in PyG's forms: a data
+    Samples from different sensors, which differ in their taxels and edges, are passed as a PyG data
     set, a :class:`~torch.utils.data.Subset`, a :class:`~torch.utils.data.ConcatDataset` or a list
     of :class:`~torch_geometric.data.Data`. They are loaded by
-    :class:`torch_geometric.loader.DataLoader`, transforms run sample by sample, scaling must be
-    :obj:`per="channel"`, models must accept :obj:`batch`, and :obj:`layout` is :obj:`None`.
+    :class:`torch_geometric.loader.DataLoader`, and transforms are applied to single samples. In
+    this case, scaling must be :obj:`per="channel"`, models must accept :obj:`batch`, and
+    :obj:`layout` is :obj:`None`.
 
-    The state of a fitted :obj:`transform` is stored in checkpoints. A transform that is fitted
-    session by session is also fitted, without labels, on the sessions of validation, test and
-    prediction samples that the training part does not have.
+    Checkpoints store the state of a fitted :obj:`transform`. A transform that is fitted to each
+    session is also fitted, without labels, to sessions of validation, test and prediction samples
+    that are missing from the training part.
 
     Args:
         dataset (StaticDataset, Dataset or list of Data): The training data.
         test_dataset (StaticDataset, Dataset or list of Data, optional): The data for test and
-            prediction; a part of :obj:`dataset` if left out.
-        split (str, Protocol or Split): The unit that is never divided between parts:
-            :obj:`"trial"`, :obj:`"group"` (objects), :obj:`"frame"` (single frames) or another
-            unit of :class:`~torch_geometric_tactile.data.Protocol`, such as :obj:`"person"`, with
-            the fractions :obj:`val` and :obj:`test` held out; or a
-            :class:`~torch_geometric_tactile.data.Protocol`, which has its own :obj:`val` and
-            :obj:`test`; or the indices of the parts.
-        val (float, optional): Fraction of :obj:`dataset` for validation. If left out, it is 0.1, or
-            0 with a :obj:`val_dataset`.
+            prediction. Defaults to a part of :obj:`dataset`.
+        split (str, Protocol or Split): How :obj:`dataset` is split. A text names the unit that is
+            never divided between parts: :obj:`"trial"`, :obj:`"group"` (objects), :obj:`"frame"`
+            (single frames) or another unit of :class:`~torch_geometric_tactile.data.Protocol`, such
+            as :obj:`"person"`; the fractions :obj:`val` and :obj:`test` are then held out. A
+            :class:`~torch_geometric_tactile.data.Protocol` has its own :obj:`val` and :obj:`test`.
+            A :class:`~torch_geometric_tactile.data.Split` has the indices of the parts.
+        val (float, optional): Fraction of :obj:`dataset` for validation. Defaults to 0.1, or to 0
+            with a :obj:`val_dataset`.
         test (float): Fraction of :obj:`dataset` for the test.
-        transform (BaseTransform, optional): Applied to every batch, after the transform of the data
-            set. Its fitted parts are fitted on the training part.
-        train_transform (BaseTransform, optional): Applied to training batches only, after
-            :obj:`transform`, such as an augmentation; never fitted.
-        batch_size (int): Number of samples of a batch.
-        num_workers (int): Number of processes that load batches; 0 by default, since a batch is a
-            single indexing operation on a tensor.
+        transform (BaseTransform, optional): Transform of every batch, which is applied after the
+            transform of the data set. It is fitted on the training part if it needs fitting.
+        train_transform (BaseTransform, optional): Transform of training batches only, such as an
+            augmentation. It is applied after :obj:`transform` and never fitted.
+        batch_size (int): Number of samples per batch.
+        num_workers (int): Number of processes that load batches. Defaults to 0, because a batch is
+            a single indexing operation on a tensor.
         seed (int): Seed of the random split.
-        val_dataset (StaticDataset, Dataset or list of Data, optional): The validation data; a part
-            of :obj:`dataset` if left out.
-        fold (int): Number of the fold that is the test part, for a protocol with folds.
+        val_dataset (StaticDataset, Dataset or list of Data, optional): The validation data.
+            Defaults to a part of :obj:`dataset`.
+        fold (int): Index of the test fold, for a protocol with folds.
 
     Raises:
         TypeError: If a data set has an unsupported type.
-        ValueError: If :obj:`split` is unknown, a fraction of :obj:`dataset` is held out although
-            :obj:`val_dataset` or :obj:`test_dataset` is given, the data sets have different
-            layouts or names of classes (or of sessions, where the scaling is fitted by session), or
-            :obj:`train_transform` has parts that must be fitted.
+        ValueError: If :obj:`split` is unknown; if a fraction of :obj:`dataset` is held out although
+            :obj:`val_dataset` or :obj:`test_dataset` is given; if the data sets differ in layout,
+            class names or, with scaling per session, session names; or if :obj:`train_transform`
+            has parts that must be fitted.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset
@@ -147,7 +149,7 @@ class TactileDataModule(L.LightningDataModule):
         self.split = split
         self.val = val
         self.test = test
-        self.transform = copy.deepcopy(transform)  # fitting must not change the caller's
+        self.transform = copy.deepcopy(transform)  # fitting must not change the caller's transform
         self.train_transform = copy.deepcopy(train_transform)
         self.batch_size = batch_size
         self.num_workers = num_workers
@@ -162,17 +164,17 @@ class TactileDataModule(L.LightningDataModule):
 
     @property
     def class_names(self) -> list[str]:
-        r"""The names of the classes or labels; empty if the data set has none."""
+        r"""The names of the classes or labels; empty if the data set has no names."""
         return self.dataset.class_names
 
     @property
     def num_classes(self) -> int:
-        r"""The number of classes or labels: the number of their names if the data set has any."""
+        r"""The number of classes or labels. If the data set has names, the number of names."""
         return len(self.class_names) or self.dataset.num_classes
 
     @property
     def test_sessions(self) -> dict[int, str]:
-        r"""Number and name of each recording session in the test part. It is empty before
+        r"""The number and name of each recording session in the test part. Empty before
         :meth:`setup`, or if samples belong to no session.
         """
         part = self._parts.get("test")
@@ -192,8 +194,9 @@ class TactileDataModule(L.LightningDataModule):
         return self._parts[name]
 
     def example(self, count: int = 1) -> StaticData | Batch:
-        r"""Returns some samples of :obj:`dataset` as a batch, without fitted transforms. No fit is
-        needed, and the shapes are those of a batch. Random number generators are not advanced.
+        r"""Returns samples of :obj:`dataset` as a batch, without applying fitted transforms. The
+        shapes are the same as in training, but no fit is needed. Random number generators are not
+        advanced.
 
         Args:
             count (int): Maximum number of samples, evenly spaced.
@@ -209,13 +212,13 @@ class TactileDataModule(L.LightningDataModule):
         Args:
             part (StaticDataset or GraphSamples): A part, from :meth:`part`.
             count (int or torch.Tensor): Maximum number of samples, evenly spaced; or their indices.
-            scaled (bool): If :obj:`False`, fitted transforms are left out, and no fit is needed.
+            scaled (bool): If :obj:`False`, fitted transforms are not applied, and no fit is needed.
         """
         index = count if isinstance(count, Tensor) else _evenly_spaced(len(part), count)
         steps = [step for step in flat(self.transform) if scaled or not _is_fitted(step)]
         part = copy.copy(part)
         with preserve_random_states():
-            # A copy of the transforms, since a transform may have its own generator.
+            # The transforms are copied, because a transform may have its own generator.
             part.transform = copy.deepcopy(Compose([*flat(part.transform), *steps]))
             return part.batch(index)
 
@@ -230,7 +233,7 @@ class TactileDataModule(L.LightningDataModule):
 
     def _split(self) -> dict[str, SampleSet]:
         split = self.split
-        if isinstance(split, str) and self.val == self.test == 0:  # needs no trials or groups
+        if isinstance(split, str) and self.val == self.test == 0:  # trials or groups not needed
             empty = self.dataset[:0]
             parts: dict[str, SampleSet] = {"train": self.dataset, "val": empty, "test": empty}
         else:
@@ -253,14 +256,15 @@ class TactileDataModule(L.LightningDataModule):
 
     @classmethod
     def load_from_checkpoint(cls, *args: Any, **kwargs: Any) -> NoReturn:
-        r"""Not supported: a checkpoint contains no data, and Lightning's method may run its code.
+        r"""Raises an error: a checkpoint contains no data, and Lightning's method may run code from
+        the file.
 
         Raises:
             ValueError: Always.
         """
         raise ValueError(
-            f"'{cls.__name__}' must be built from its data set, since checkpoints contain no data; "
-            "trainer.test(module, datamodule=data, ckpt_path=path) restores fitted transforms"
+            f"'{cls.__name__}' must be built from its data set, because checkpoints contain no "
+            "data; trainer.test(module, datamodule=data, ckpt_path=path) restores fitted transforms"
         )
 
     def state_dict(self) -> dict[str, Any]:
@@ -276,7 +280,7 @@ class TactileDataModule(L.LightningDataModule):
         parts, states = fitted_parts(self.transform), state_dict["transform"]
         if len(parts) != len(states):
             raise ValueError(
-                f"the checkpoint must have {len(parts)} fitted transforms, as 'transform' "
+                f"the checkpoint must have {len(parts)} fitted transforms, like 'transform' "
                 f"(got {len(states)})"
             )
         for part, state in zip(parts, states, strict=True):
@@ -285,23 +289,23 @@ class TactileDataModule(L.LightningDataModule):
             self._fit_new_sessions()
 
     def train_dataloader(self) -> StaticLoader | DataLoader:
-        r"""Loads the training part, in a new order every epoch. A last batch of a single sample is
-        dropped, since batch normalisation needs at least two samples.
+        r"""Returns a loader of the training part with a new order in every epoch. A last batch with
+        a single sample is dropped, because batch normalisation needs at least two samples.
         """
         return self._loader("train", self.train_transform, shuffle=True)
 
     def val_dataloader(self) -> StaticLoader | DataLoader | list[Any]:
-        r"""Loads the validation part; returns an empty list if there is none."""
+        r"""Returns a loader of the validation part, or an empty list if there is none."""
         return self._loader("val") if len(self._parts["val"]) else []
 
     def test_dataloader(self) -> StaticLoader | DataLoader:
-        r"""Loads the test part."""
+        r"""Returns a loader of the test part."""
         if not len(self._parts["test"]):
             raise ValueError("there is no test part: set 'test_dataset', or 'test' above 0")
         return self._loader("test")
 
     def predict_dataloader(self) -> StaticLoader | DataLoader:
-        r"""Loads the test part for prediction."""
+        r"""Returns a loader of the test part for prediction."""
         return self.test_dataloader()
 
     def _loader(
@@ -348,10 +352,10 @@ def _to_samples(dataset: Any, name: str, train_samples: SampleSet | None = None)
     if train_samples is not None and isinstance(samples, StaticDataset) != isinstance(
         train_samples, StaticDataset
     ):
-        kind = "StaticDataset" if isinstance(train_samples, StaticDataset) else "data set of PyG"
+        kind = "StaticDataset" if isinstance(train_samples, StaticDataset) else "PyG data set"
         raise TypeError(
-            f"'{name}' must be a {kind}, as 'dataset' (got {type(dataset).__name__}): all data "
-            "sets must be StaticDatasets, or all must be PyG's"
+            f"'{name}' must be a {kind}, like 'dataset' (got {type(dataset).__name__}): either all "
+            "data sets must be StaticDatasets, or all must be PyG data sets"
         )
     return samples
 

@@ -1,4 +1,4 @@
-r"""The metrics of a model. Their names have the same meaning in logs and tables.
+r"""The metrics of a model. The names have the same meaning in logs and tables.
 
 ============================  ==============================================================
 Name                          Meaning
@@ -14,8 +14,8 @@ Name                          Meaning
 ``label_accuracy``            Mean over the labels of ``label_accuracy_<label>``.
 ``label_accuracy_<label>``    Fraction of the samples for which the label with this name or
                               number is correct.
-``mae``, ``rmse``             Mean absolute error, and root of the mean squared error, over all
-                              numbers of all samples.
+``mae``, ``rmse``             Mean absolute error and root mean squared error over all numbers of
+                              all samples.
 ``r2``                        Coefficient of determination, mean over the targets.
 ``accuracy_<session>``        Accuracy on one recording session (``mae_<session>`` for regression).
 ============================  ==============================================================
@@ -42,40 +42,40 @@ def classification_metrics(
     task: Task = "multiclass",
     threshold: float | None = None,
 ) -> dict[str, float]:
-    r"""Computes the metrics of predicted classes or labels.
+    r"""Returns the metrics of predicted classes or labels by name.
 
-    The predicted class is the one with the highest score, or with a :obj:`threshold` class 1 where
-    its score is above the threshold. With :obj:`task="multilabel"`, every label with a score above
-    0.5 is predicted. The metrics, by name:
+    The predicted class has the highest score. With a :obj:`threshold`, class 1 is predicted if its
+    score is above the threshold. With :obj:`task="multilabel"`, every label with a score above 0.5
+    is predicted. The metrics are:
 
     * :obj:`accuracy`: the fraction of the samples with the correct class, or with all labels
-      correct (exact match);
+      correct (exact match).
     * :obj:`label_accuracy_0`, :obj:`label_accuracy_1`, ... and :obj:`label_accuracy` (multi-label
       only): the fraction of the samples for which one label is correct, and the mean over the
-      labels;
-    * :obj:`f1`: the mean F1 score of the classes or labels (macro), without those that are neither
-      in :obj:`y` nor predicted; NaN if none is left;
+      labels.
+    * :obj:`f1`: the mean F1 score of the classes or labels (macro). Classes that are neither in
+      :obj:`y` nor predicted are left out. NaN if none is left.
     * :obj:`f1_positive`, :obj:`precision_positive` and :obj:`recall_positive` (two classes only):
-      the F1 score, precision and recall of class 1; zero where the denominator is zero, as in
-      scikit-learn;
+      the F1 score, precision and recall of class 1. Zero if the denominator is zero, as in
+      scikit-learn.
     * :obj:`auroc`: the mean area under the ROC curve of each class against all others, or of each
-      label, without those that no sample or every sample has, for which there is no curve; NaN if
-      none is left.
+      label. Classes that no sample or every sample has are left out, because they have no curve.
+      NaN if none is left.
 
     Args:
         score (torch.Tensor or numpy.ndarray): Probabilities.
         y (torch.Tensor or numpy.ndarray): The true classes, or 0 and 1 for each label.
         task (str): :obj:`"multiclass"` or :obj:`"multilabel"`.
         threshold (float, optional): For two classes, the probability above which class 1 is
-            predicted; one half if left out.
+            predicted. Defaults to one half.
 
     Shapes:
         - **score:** :math:`(S, C)`
         - **y:** :math:`(S,)`, or :math:`(S, C)` for :obj:`"multilabel"`
 
     Raises:
-        ValueError: If :obj:`task` is unknown, there is no sample, a score is NaN, or :obj:`y`
-            does not fit :obj:`score`.
+        ValueError: If :obj:`task` is unknown, if there are no samples, if a score is NaN, or if
+            :obj:`y` does not fit :obj:`score`.
 
     Examples:
         >>> score = torch.tensor([[0.9, 0.2], [0.4, 0.8], [0.3, 0.6]])
@@ -96,7 +96,7 @@ def classification_metrics(
     nan_samples = score.isnan().any(dim=1).nonzero().view(-1)
     if len(nan_samples):  # argmax of a row with NaN is meaningless
         raise ValueError(
-            f"'score' must not be NaN (got NaN for {len(nan_samples)} of {len(score)} samples, the "
+            f"'score' must not be NaN (got NaN for {len(nan_samples)} of {len(score)} samples; the "
             f"first is {int(nan_samples[0])}); leave them out, or fill missing readings with "
             "FillMissing()"
         )
@@ -128,11 +128,13 @@ def classification_metrics(
 
 
 def regression_metrics(prediction: Tensor | np.ndarray, y: Tensor | np.ndarray) -> dict[str, float]:
-    r"""Computes the metrics of predicted numbers, by name:
+    r"""Returns the metrics of predicted numbers by name.
 
-    * :obj:`mae`: the mean absolute error, over all numbers;
-    * :obj:`rmse`: the root of the mean squared error, over all numbers;
-    * :obj:`r2`: the coefficient of determination, the mean over the targets; NaN for a single
+    The metrics are:
+
+    * :obj:`mae`: the mean absolute error over all numbers.
+    * :obj:`rmse`: the root mean squared error over all numbers.
+    * :obj:`r2`: the coefficient of determination, averaged over the targets. NaN for a single
       sample.
 
     Args:
@@ -143,7 +145,7 @@ def regression_metrics(prediction: Tensor | np.ndarray, y: Tensor | np.ndarray) 
         - **input:** :math:`(S, C)` or :math:`(S,)` each
 
     Raises:
-        ValueError: If there is no sample, or the shapes differ.
+        ValueError: If there are no samples, or the shapes differ.
 
     Examples:
         >>> values = regression_metrics(np.array([1.0, 2.0, 4.0]), np.array([1.0, 2.0, 3.0]))

@@ -55,63 +55,67 @@ _STATES = "random_states"  # the key in checkpoints
 
 
 class TactileModule(L.LightningModule):
-    r"""Trains a model for classification (one class or several labels per sample) or regression,
-    and computes its metrics.
+    r"""A Lightning module that trains a model for classification (one class or several labels per
+    sample) or regression, and computes its metrics.
 
     Batches may be :class:`~torch_geometric_tactile.data.StaticData` or PyG's
-    :class:`~torch_geometric.data.Batch`. A checkpoint contains the layout of the sensor, and
-    loading it for data with another layout is an error.
+    :class:`~torch_geometric.data.Batch`. With a :class:`TactileDataModule`, labels, outputs and
+    attributes are checked before the first batch.
 
-    For the validation and test parts, the module logs the metrics of
-    :mod:`torch_geometric_tactile.training.metrics`. A class or label that no sample of the part has
-    does not count in :obj:`auroc`, which is NaN if no class is left. Labels are logged by the names
-    in the data where it has some, as in :obj:`label_accuracy_slippery`.
+    On the validation and test parts, the module logs the metrics of
+    :mod:`torch_geometric_tactile.training.metrics`. Classes and labels that no sample of the part
+    has are left out of :obj:`auroc`, which is NaN if no class is left. If the data has label names,
+    they are used in the log, as in :obj:`label_accuracy_slippery`.
 
-    With a :class:`TactileDataModule`, labels, outputs and attributes are checked before the first
-    batch.
-
-    Checkpoints also contain the description of the predictor and the states of all random number
-    generators, and are read without executing code from the file. A training that is resumed at
-    the end of an epoch gives, on a CPU, exactly the weights of an uninterrupted training.
+    Checkpoints contain the layout of the sensor, the description of the predictor and the states of
+    all random number generators. They are read without executing code from the file. Loading a
+    checkpoint for data with another layout is an error. On a CPU, training that is resumed at the
+    end of an epoch gives exactly the same weights as uninterrupted training.
 
     Args:
-        model (torch.nn.Module): Called as :obj:`model(x, edge_index)`; returns logits or numbers
-            :math:`(B, C)`. Further attributes of the batch, such as :obj:`edge_attr`, are passed by
-            keyword: those listed in the model's attribute :obj:`modalities`, or, without this
-            attribute, those named like the arguments of its :obj:`forward` without a default. If
-            :obj:`forward` has an argument :obj:`batch`, as PyG's models have, the model is called
-            as :obj:`model(x, edge_index, batch=batch)` on a PyG batch, also for static data. For
-            data without edges, :obj:`edge_index` is :obj:`None`; this is an error for models with
-            :obj:`needs_edges = True` and for models that pass messages along required edges.
+        model (torch.nn.Module): The model. It is called as :obj:`model(x, edge_index)` and returns
+            logits or numbers :math:`(B, C)`. Further attributes of the batch, such as
+            :obj:`edge_attr`, are passed as keyword arguments: the attributes listed in the model's
+            :obj:`modalities` or, if it has no :obj:`modalities`, the arguments of its
+            :obj:`forward` without a default. If :obj:`forward` has an argument :obj:`batch`, as in
+            PyG's models, the model is called as :obj:`model(x, edge_index, batch=batch)` on a PyG
+            batch, also for static data. For data without edges, :obj:`edge_index` is :obj:`None`;
+            this is an error for models with :obj:`needs_edges = True` and for models that pass
+            messages along required edges.
         optimizer (callable): Function that builds an optimizer from parameters.
-        lr_scheduler (callable, optional): Function that builds a scheduler, stepped every epoch,
-            from an optimizer. :class:`~torch_geometric_tactile.training.CosineAnnealing` takes the
-            number of epochs from the trainer.
-        num_classes (int, optional): Number of classes, labels or targets :math:`C`. If left out, it
-            is taken from the data module, or is two without a data module.
-        task (str): :obj:`"multiclass"`, where :obj:`y` is one class per sample :math:`(B,)`,
-            trained with the cross entropy; :obj:`"multilabel"`, where :obj:`y` is a 0 or 1 for each
-            label :math:`(B, C)`, trained with the binary cross entropy; or :obj:`"regression"`,
-            where :obj:`y` is one number per sample :math:`(B,)` or several :math:`(B, C)`.
-        loss (str, optional): Loss of a regression: :obj:`"mse"` (mean squared error, if left out),
+        lr_scheduler (callable, optional): Function that builds a scheduler from an optimizer. The
+            scheduler is stepped every epoch.
+            :class:`~torch_geometric_tactile.training.CosineAnnealing` takes the number of epochs
+            from the trainer.
+        num_classes (int, optional): Number of classes, labels or targets :math:`C`. Defaults to the
+            number in the data module, or to two without a data module.
+        task (str): The task:
+
+            * :obj:`"multiclass"`: :obj:`y` is one class per sample :math:`(B,)`, trained with the
+              cross entropy.
+            * :obj:`"multilabel"`: :obj:`y` is 0 or 1 for each label :math:`(B, C)`, trained with
+              the binary cross entropy.
+            * :obj:`"regression"`: :obj:`y` is one number per sample :math:`(B,)` or several
+              :math:`(B, C)`.
+        loss (str, optional): Loss of a regression: :obj:`"mse"` (mean squared error, the default),
             :obj:`"l1"` (mean absolute error) or :obj:`"huber"`.
         class_weights (sequence of float or str, optional): Weight of each class in the training
-            loss, or of the samples that have each label; :obj:`"balanced"` computes them from the
-            training part (see
+            loss, or of the samples that have each label. :obj:`"balanced"` computes the weights
+            from the training part (see
             :func:`~torch_geometric_tactile.training._losses.balanced_weights`).
         label_smoothing (float): Fraction of the target that is distributed over all classes in the
-            training loss. The losses of validation and test use neither label smoothing nor class
-            weights, so that they stay comparable.
+            training loss. Validation and test losses use neither label smoothing nor class weights,
+            so that they stay comparable.
         threshold (float or str, optional): For two classes, the probability above which class 1 is
-            predicted (one half if left out); or the metric by which the threshold is chosen on the
-            validation part after every epoch: :obj:`"accuracy"`, :obj:`"balanced_accuracy"`,
-            :obj:`"f1"` or :obj:`"f1_positive"`. The threshold is stored in checkpoints and
-            predictors and is used in the test. The metrics logged for the validation part do not
-            use it, since it was chosen on this part.
+            predicted (default: one half), or a metric: :obj:`"accuracy"`,
+            :obj:`"balanced_accuracy"`, :obj:`"f1"` or :obj:`"f1_positive"`. With a metric, the best
+            threshold on the validation part is selected after every epoch. The threshold is stored
+            in checkpoints and predictors and is used in the test. The validation metrics in the log
+            do not use it, because it was selected on this part.
 
     Raises:
-        ValueError: If :obj:`task` is unknown or does not fit the loss or :obj:`y`, a batch lacks
-            an input of the model, or a checkpoint of another layout is loaded.
+        ValueError: If :obj:`task` is unknown or does not fit the loss or :obj:`y`, if an input of
+            the model is missing from a batch, or if a checkpoint with another layout is loaded.
 
     Examples:
         >>> from torch_geometric_tactile.nn.models import TaxelNet
@@ -121,7 +125,7 @@ class TactileModule(L.LightningModule):
         'multiclass'
     """
 
-    #: The configuration of the module, stored in checkpoints to be compared when they are loaded.
+    #: The configuration of the module. It is stored in checkpoints and compared on loading.
     config: Mapping[str, Any] | None = None
     class_weight: Tensor | None
     decision_threshold: float | None
@@ -161,15 +165,15 @@ class TactileModule(L.LightningModule):
         if num_classes is None:
             num_classes = 1 if task == "regression" else 2
         self._set_num_classes(num_classes)
-        # Used in training only and rebuilt by `setup`, so it is not stored in checkpoints.
+        # Only used in training and rebuilt by `setup`, so it is not stored in checkpoints.
         self.register_buffer("class_weight", None, persistent=False)
         if class_weights is not None and not isinstance(class_weights, str):
             self.class_weight = torch.tensor(list(class_weights), dtype=torch.float)
         self.session_metrics = nn.ModuleList()
 
     def arguments(self) -> dict[str, Any]:
-        r"""Returns the arguments of the constructor that checkpoints store, as plain values. These
-        are all arguments except model, optimizer and scheduler.
+        r"""Returns the constructor arguments that checkpoints store, as plain values. These are all
+        arguments except the model, the optimizer and the scheduler.
         """
         weights = self.class_weights
         return {
@@ -182,7 +186,7 @@ class TactileModule(L.LightningModule):
         }
 
     def set_threshold(self, threshold: float | ThresholdMetric | None) -> None:
-        r"""Sets the decision threshold, or the metric by which it is chosen.
+        r"""Sets the decision threshold, or the metric by which it is selected.
 
         Args:
             threshold (float or str, optional): The threshold, or the name of a metric.
@@ -197,7 +201,7 @@ class TactileModule(L.LightningModule):
         self.test_metrics = make_metrics(num_classes, self.task).to(self.device)
 
     def setup(self, stage: str) -> None:
-        r"""Takes layout and class names from the data module, and checks the data of a stage."""
+        r"""Takes the layout and class names from the data module, and checks the data."""
         data = self._datamodule()
         self.layout = getattr(data, "layout", None)
         self.class_names = list(getattr(data, "class_names", ()))
@@ -227,11 +231,11 @@ class TactileModule(L.LightningModule):
         check_num_weights(self.class_weight, self.num_classes)
 
     def forward(self, batch: Data) -> Tensor:
-        r"""Returns the logits of a batch, or its predicted numbers :math:`(B, C)`."""
+        r"""Returns the logits of a batch, or the predicted numbers :math:`(B, C)`."""
         return call_model(self.model, batch, self.inputs(batch))
 
     def inputs(self, batch: Data) -> dict[str, Any]:
-        r"""Returns the attributes of a batch that are passed to the model by keyword.
+        r"""Returns the attributes of a batch that are passed to the model as keyword arguments.
 
         Args:
             batch (Data): The batch.
@@ -270,7 +274,7 @@ class TactileModule(L.LightningModule):
     def training_step(self, batch: Data, batch_idx: int) -> Tensor:
         r"""Returns the training loss of a batch, which must be finite."""
         check = BatchCheck.from_step(self, "train", batch, batch_idx)
-        if self.device.type == "cpu":  # on a GPU this would synchronize; the loss check suffices
+        if self.device.type == "cpu":  # on a GPU this would synchronize; checking the loss suffices
             check.inputs()
         out = self(batch)
         loss = task_loss(
@@ -292,12 +296,12 @@ class TactileModule(L.LightningModule):
             self.val_threshold.update(score, y)
 
     def on_validation_epoch_end(self) -> None:
-        r"""Logs the metrics of the validation part, and chooses the threshold."""
+        r"""Logs the metrics of the validation part, and selects the threshold."""
         self._log_metrics("val", self.val_metrics)
         self.choose_threshold()
 
     def choose_threshold(self) -> None:
-        r"""Chooses and logs the threshold at the end of a validation epoch of training."""
+        r"""Selects and logs the threshold at the end of a validation epoch during training."""
         if self.val_threshold is None:
             return
         if self.trainer.state.fn == "fit":  # a trained model keeps its threshold
@@ -306,7 +310,7 @@ class TactileModule(L.LightningModule):
         self.val_threshold.reset()
 
     def test_step(self, batch: Data, batch_idx: int) -> None:
-        r"""Adds a batch of the test part to the metrics, and to those of its recording sessions."""
+        r"""Adds a batch of the test part to the metrics, in total and for each session."""
         threshold = self.decision_threshold
         score, y = self._update_metrics("test", batch, batch_idx, self.test_metrics, threshold)
         if "session" in batch:
@@ -374,7 +378,8 @@ class TactileModule(L.LightningModule):
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         r"""Adds the layout, the description of the model, the states of the random number
-        generators and the description of the :class:`~torch_geometric_tactile.predictor.Predictor`.
+        generators and the description of the :class:`~torch_geometric_tactile.predictor.Predictor`
+        to a checkpoint.
         """
         states = RandomStates.now().to_dict()
         if torch.cuda.is_available() and torch.cuda.is_initialized():
@@ -413,7 +418,7 @@ class TactileModule(L.LightningModule):
         if self.layout is not None and not self.layout.matches(layout):
             raise ValueError(
                 f"the checkpoint must have layout '{self.layout.name}' with "
-                f"{self.layout.num_taxels} taxels, as the data (got '{layout.name}' with "
+                f"{self.layout.num_taxels} taxels, like the data (got '{layout.name}' with "
                 f"{layout.num_taxels}); train again, or load the data it was trained on"
             )
         self.layout = layout
@@ -430,7 +435,7 @@ class TactileModule(L.LightningModule):
                 raise ValueError(
                     f"'{self.trainer.ckpt_path}' cannot be resumed: {error}; train again"
                 ) from error
-        # Up to version 0.2.1, checkpoints held states of our loaders, which no longer have a state.
+        # Up to version 0.2.1, checkpoints contained states of loaders, which are now stateless.
         fit_loop = checkpoint.get("loops", {}).get("fit_loop", {})
         loaders = fit_loop.get("state_dict", {}).get("combined_loader", [])
         loaders[:] = [state for state in loaders if "num_batches" not in state]
@@ -438,7 +443,7 @@ class TactileModule(L.LightningModule):
             self._restore_random_states()
 
     def on_fit_start(self) -> None:
-        r"""Restores the random states, after the model is built and before the first batch."""
+        r"""Restores the random states after the model is built and before the first batch."""
         self._restore_random_states()
 
     def _restore_random_states(self) -> None:
@@ -460,33 +465,33 @@ class TactileModule(L.LightningModule):
         weights_only: bool | None = None,
         **kwargs: Any,
     ) -> Self:
-        r"""Loads a module, without the transforms of its data. For live use, see
-        :class:`~torch_geometric_tactile.predictor.Predictor`.
+        r"""Returns the module in a checkpoint, without the transforms of its data. For live use,
+        see :class:`~torch_geometric_tactile.predictor.Predictor`.
 
         Checksums are verified, and no code from the file is executed: models of this package are
-        built by their names, any other is passed as :obj:`model`.
+        built by their names, and any other model must be passed as :obj:`model`.
 
         Args:
             checkpoint_path (str or PathLike): The checkpoint.
-            map_location (optional): Device of the tensors; the CPU if left out.
+            map_location (optional): Device of the tensors. Defaults to the CPU.
             hparams_file (optional): Not supported.
             strict (bool, optional): If :obj:`False`, missing and unexpected weights are ignored.
             weights_only (bool, optional): Must not be :obj:`False`.
-            **kwargs (optional): Arguments of the module that replace those in the checkpoint, such
-                as :obj:`model` (it is copied), and :obj:`optimizer` and :obj:`lr_scheduler`, which
-                a checkpoint does not store.
+            **kwargs (optional): Arguments of the module that replace arguments in the checkpoint,
+                such as :obj:`model` (which is copied). A checkpoint does not store
+                :obj:`optimizer` and :obj:`lr_scheduler`.
 
         Raises:
-            FileNotFoundError: If there is no such file.
-            ValueError: If the file is damaged, is not a checkpoint or is one of an older version,
-                or its model is neither a class of this package nor passed as :obj:`model`.
+            FileNotFoundError: If the file does not exist.
+            ValueError: If the file is damaged, is not a checkpoint or comes from an older version,
+                or if its model is neither a class of this package nor passed as :obj:`model`.
         """
         for name, is_set in (
             ("weights_only", weights_only is False),
             ("hparams_file", hparams_file),
         ):
             if is_set:
-                raise ValueError(f"'{name}' must be left out, since it may run code")
+                raise ValueError(f"'{name}' must be left out, because it may run code")
         return load_module(cls, checkpoint_path, map_location, strict, kwargs)
 
     def _datamodule(self) -> Any:
@@ -501,7 +506,7 @@ def _warn_of_missing_transforms(checkpoint: Mapping[str, Any]) -> None:
     if names:
         warnings.warn(
             f"this model was trained on readings transformed by {', '.join(names)}, but a module "
-            "from a checkpoint has no transforms: for raw readings use "
+            "from a checkpoint has no transforms: for raw readings, use "
             "Predictor.from_checkpoint(path); to test it, use "
             "trainer.test(module, datamodule=data, ckpt_path=path)",
             stacklevel=3,
@@ -514,7 +519,7 @@ def fitted_names(checkpoint: Mapping[str, Any]) -> list[str]:
     header = entry.get("header") if isinstance(entry, Mapping) else None
     pending = [header.get("transform")] if isinstance(header, Mapping) else []
     names = []
-    while pending:  # no recursion: a hostile file could nest deeper than its limit
+    while pending:  # no recursion: a malicious file could exceed the recursion limit
         node = pending.pop()
         if isinstance(node, Mapping):
             if node.get("state") and isinstance(node.get("class"), str):
@@ -528,20 +533,20 @@ def fitted_names(checkpoint: Mapping[str, Any]) -> list[str]:
 def classifier_from_config(
     config: Mapping[str, Any], data: TactileDataModule | DataSizes | None = None
 ) -> TactileModule:
-    r"""Builds a module from the :obj:`model` section of a configuration.
+    r"""Returns a module built from the :obj:`model` section of a configuration.
 
     The section may name any class, so the configuration must come from a trusted source.
 
     Args:
-        config (Mapping): The arguments of :class:`TactileModule`, classes as
+        config (Mapping): The arguments of :class:`TactileModule`, with classes as
             :obj:`{"class_path", "init_args"}`.
-        data (TactileDataModule or DataSizes, optional): The data, from which sizes missing in the
-            configuration are taken (see
+        data (TactileDataModule or DataSizes, optional): The data. Sizes that are missing from the
+            configuration are derived from it (see
             :func:`~torch_geometric_tactile.training._sizes.fill_sizes`).
 
     Raises:
-        ValueError: If a size in the configuration differs from that of the data, or the module
-            cannot be built.
+        ValueError: If a size in the configuration differs from the data, or if the module cannot be
+            built.
 
     Examples:
         >>> from torch_geometric_tactile.datasets import FakeTactileDataset

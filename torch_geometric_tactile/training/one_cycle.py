@@ -1,4 +1,4 @@
-r"""The one-cycle learning rate policy as a callback."""
+r"""A callback with the one-cycle learning rate policy."""
 
 from typing import Any
 
@@ -9,13 +9,13 @@ from torch_geometric_tactile._checks import need
 
 
 class OneCycle(L.Callback):
-    r"""Updates the learning rate after every step with
+    r"""A callback that updates the learning rate after every step with
     :class:`torch.optim.lr_scheduler.OneCycleLR`. The rate rises to the optimizer's learning rate in
-    the first part of the training steps, and then falls to nearly zero. The last weights can then
-    be used directly, so that no data has to be held out for early stopping.
+    the first part of the training steps, and then falls to nearly zero. The last weights can be
+    used directly, so that no data has to be held out for early stopping.
 
     A scheduler in a configuration is stepped once per epoch and needs the number of epochs in
-    advance. This callback takes the number of steps from the trainer.
+    advance. This callback takes the number of steps from the trainer instead.
 
     Args:
         part (float): Fraction of the steps in which the learning rate rises.
@@ -38,7 +38,7 @@ class OneCycle(L.Callback):
 
         Args:
             trainer (lightning.Trainer): The trainer.
-            pl_module (lightning.LightningModule): The module that is trained.
+            pl_module (lightning.LightningModule): The module to train.
         """
         num_steps = trainer.estimated_stepping_batches
         need(num_steps != float("inf"), "'max_epochs' must be given for OneCycle (got -1, no end)")

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 @contextmanager
 def quiet_lightning() -> Iterator[None]:
-    r"""Suppresses Lightning's messages and warnings within a :obj:`with` block, such as those on
-    the accelerator and the number of workers. Errors and warnings of other libraries are shown.
+    r"""Suppresses Lightning's messages and warnings within a :obj:`with` block, for example about
+    the accelerator and the number of workers. Errors and warnings from other libraries are shown.
 
     Examples:
         >>> import lightning

@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 from torch_geometric_tactile._checks import need
 
-# Chosen on validation parts by studies/default_model.py.
+# Selected on validation parts by studies/default_model.py.
 _NUM_STEPS = 1500
 _EPOCH_RANGE = (15, 60)
 _BATCH_SIZE_RANGE = (16, 64)
 
 
 class TrainingRecipe(NamedTuple):
-    r"""Batch size, number of epochs and hyperparameters of the optimizer of a training."""
+    r"""The batch size, the number of epochs and the hyperparameters of the optimizer."""
 
     batch_size: int
     max_epochs: int
@@ -25,12 +25,12 @@ def training_recipe(num_samples: int) -> TrainingRecipe:
     r"""Returns the hyperparameters for training
     :class:`~torch_geometric_tactile.nn.models.TaxelNet`,
     :class:`~torch_geometric_tactile.nn.models.PosedTaxelNet` and
-    :class:`~torch_geometric_tactile.nn.models.TemporalTaxelNet` on a number of samples. They were
-    chosen by :obj:`studies/default_model.py` on validation parts of single frames.
+    :class:`~torch_geometric_tactile.nn.models.TemporalTaxelNet` on a number of samples.
+    :obj:`studies/default_model.py` selected them on validation parts with single frames.
 
-    A batch has 1/24 of the samples, but at least 16 and at most 64. Training has about 1,500 steps,
-    but at least 15 and at most 60 epochs. The learning rate falls to zero, so that the last weights
-    are used and no data has to be held out for early stopping.
+    A batch has 1/24 of the samples, but at least 16 and at most 64 samples. Training has about
+    1,500 steps, but at least 15 and at most 60 epochs. The learning rate falls to zero, so that the
+    last weights are used and no data has to be held out for early stopping.
 
     Examples:
         >>> recipe = training_recipe(4000)

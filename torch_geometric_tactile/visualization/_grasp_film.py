@@ -27,7 +27,7 @@ from torch_geometric_tactile.visualization.hand import plot_hand
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_Color = tuple[float, float, float, float]  # with opacity, so that bones and object hide no taxel
+_Color = tuple[float, float, float, float]  # with opacity: bones and object must not hide taxels
 _BONE: _Color = (0.66, 0.69, 0.74, 0.40)
 _OBJECT: _Color = (0.95, 0.74, 0.45, 0.30)
 _STAND: _Color = (0.80, 0.80, 0.78, 1.0)
@@ -44,7 +44,7 @@ class _Faces(NamedTuple):
     corners: np.ndarray  # (F, K, 3)
     color: np.ndarray  # (F, 4)
     is_in_view: bool = True  # whether the limits of the view include the faces
-    depth_offset: np.ndarray | float = 0.0  # m towards the viewer, for the order of drawing
+    depth_offset: np.ndarray | float = 0.0  # metres towards the viewer, for the drawing order
 
 
 def plot_grasp_film(
@@ -55,8 +55,8 @@ def plot_grasp_film(
     azimuth: float = -62.0,
     elevation: float = 6.0,
 ) -> "Figure":
-    r"""Draws a simulated trial as a series of pictures, each zoomed to hand and object. Touched
-    taxels are drawn large, in front of all other parts and in the colour of their normal force. All
+    r"""Draws a simulated trial as a series of pictures that are zoomed to the hand and the object.
+    Touched taxels are large, in front of all other parts, and coloured by their normal force. All
     phases have about the same number of pictures, regardless of their duration.
 
     Args:
@@ -99,7 +99,7 @@ def plot_grasp_film(
     bar = figure.colorbar(
         scale, ax=axes, location="bottom", shrink=0.5, aspect=40, pad=0.02, extend="max"
     )
-    bar.set_label("normal force on a taxel (N); taxels without touch are grey")
+    bar.set_label("normal force on a taxel (N); untouched taxels are grey")
     title_figure(figure, f"Simulated grasp of {recording.label}")
     return figure
 
@@ -107,9 +107,9 @@ def plot_grasp_film(
 def plot_grasp_forces(
     recording: Recording, layout: TaxelLayout, kinematics: HandKinematics
 ) -> "Figure":
-    r"""Draws the normal force on every taxel of a simulated trial on one hand for each phase: the
-    mean over the second half of the phase. Because few taxels carry most of the force, the colour
-    scale ends at the 95th percentile of the touched taxels.
+    r"""Draws the normal force on every taxel in a simulated trial, with one hand per phase. The
+    force is the mean over the second half of the phase. Because few taxels carry most of the force,
+    the colour scale ends at the 95th percentile of the touched taxels.
 
     Args:
         recording (Recording): The trial.
@@ -173,7 +173,7 @@ def _phase_name(recording: Recording, phase: int) -> str:
 
 
 def _evenly_over_phases(phase: np.ndarray, num_frames: int) -> np.ndarray:
-    # Indices of frames, of which each phase has about the same number.
+    # Indices of frames; each phase has about the same number of them.
     weight = 1.0 / np.bincount(phase)[phase]
     progress = np.cumsum(weight) / weight.sum()
     targets = (np.arange(num_frames) + 0.5) / num_frames
@@ -196,7 +196,7 @@ def _draw_scene(
     depth = np.concatenate(
         [(faces.corners @ towards_viewer).mean(axis=1) + faces.depth_offset for faces in scene]
     )
-    # The painter's algorithm: far faces are drawn first.
+    # This is the painter's algorithm: distant faces are drawn first.
     order = depth.argsort(kind="stable")
     collection = PolyCollection(
         [polygons[i] for i in order],
@@ -259,7 +259,7 @@ def _scene(
 
 
 def _rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
-    # Quaternions of recordings are w, x, y, z; those of SciPy x, y, z, w.
+    # Quaternions in recordings are w, x, y, z; quaternions in SciPy are x, y, z, w.
     return np.asarray(Rotation.from_quat(np.roll(quaternion, -1)).as_matrix())
 
 
@@ -286,8 +286,8 @@ def _primitive(shape: str, half_size: ArrayLike) -> list[np.ndarray]:
 
 @lru_cache
 def _unit_primitive(shape: str) -> list[np.ndarray]:
-    # Shapes are divided into small faces, because the painter's algorithm can order large faces
-    # wrongly.
+    # Shapes are divided into small faces, because the painter's algorithm may draw large faces in
+    # the wrong order.
     if shape == "box":
         steps = np.linspace(-1, 1, 4)
         face = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1)

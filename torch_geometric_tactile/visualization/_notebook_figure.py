@@ -1,5 +1,5 @@
-r"""A figure that notebooks display, in the style of all pictures. A module of its own, because the
-definition of the class needs matplotlib, which is optional.
+r"""A figure that notebooks display, in the style of all pictures. It has a separate module because
+the definition of the class needs matplotlib, which is optional.
 """
 
 from io import BytesIO
@@ -17,7 +17,7 @@ from torch_geometric_tactile.visualization._style import (
 
 
 class NotebookFigure(Figure):
-    r"""A figure that notebooks display without pyplot, as the last line of a cell or by
+    r"""A figure that notebooks display without pyplot, as the last line of a cell or with
     :obj:`display`. Axes, colour bars, legends and titles have the style of all pictures.
     """
 
@@ -27,13 +27,13 @@ class NotebookFigure(Figure):
         return buffer.getvalue()
 
     def add_subplot(self, *args: Any, **kwargs: Any) -> Any:
-        r"""Adds axes in the style of all pictures; arguments are those of matplotlib."""
+        r"""Adds axes in the style of all pictures, with the arguments of matplotlib."""
         ax = super().add_subplot(*args, **kwargs)
         style_axes(ax)
         return ax
 
     def colorbar(self, *args: Any, **kwargs: Any) -> Any:
-        r"""Adds a colour bar in the style of all pictures; arguments are those of matplotlib."""
+        r"""Adds a colour bar in the style of all pictures, with the arguments of matplotlib."""
         bar = super().colorbar(*args, **kwargs)
         style_axes(bar.ax)
         bar.outline.set(edgecolor=current_theme().faint, linewidth=0.8)
@@ -41,11 +41,11 @@ class NotebookFigure(Figure):
         return bar
 
     def legend(self, *args: Any, **kwargs: Any) -> Any:
-        r"""Adds a legend without a frame; arguments are those of matplotlib."""
+        r"""Adds a legend without a frame, with the arguments of matplotlib."""
         defaults = {"fontsize": TEXT, "frameon": False, "labelcolor": current_theme().ink}
         return super().legend(*args, **(defaults | kwargs))
 
     def suptitle(self, *args: Any, **kwargs: Any) -> Any:
-        r"""Adds a title in the style of all pictures; arguments are those of matplotlib."""
+        r"""Adds a title in the style of all pictures, with the arguments of matplotlib."""
         defaults: dict[str, Any] = {"fontsize": TITLE, "color": current_theme().ink}
         return super().suptitle(*args, **(defaults | kwargs))

@@ -1,4 +1,4 @@
-r"""The predictions for a recording in small arrays, ready to draw."""
+r"""The predictions for a recording, reduced to small arrays for drawing."""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Self
@@ -28,7 +28,7 @@ _CONTACT_FLOOR = 5.0  # counts
 
 
 class PredictedTrial(NamedTuple):
-    r"""The predictions for a recording over time, with its truth, contact and total pressure.
+    r"""The predictions for a recording over time, with the truth, contact and total pressure.
 
     Shapes:
         - **edges:** boundaries of the frames in seconds :math:`(T + 1,)`
@@ -72,7 +72,7 @@ class PredictedTrial(NamedTuple):
             recording (Recording): The recording.
             probability (torch.Tensor): Output of :meth:`Predictor.recording`.
             frames (sequence of int): Index of the last frame of each row.
-            truth (Truth, optional): True classes or numbers (default: those in the recording).
+            truth (Truth, optional): True classes or numbers (default: from the recording).
 
         Shapes:
             - **probability:** :math:`(R, C)`
@@ -108,8 +108,8 @@ class PredictedTrial(NamedTuple):
 
     @property
     def accuracy(self) -> float | None:
-        r"""Part of the predicted classes that are true, among frames whose class is known;
-        :obj:`None` without such frames.
+        r"""The share of correctly predicted classes among frames with a known class. :obj:`None` if
+        there are no such frames.
         """
         if self.truth is None or self.task != "multiclass":
             return None
@@ -125,7 +125,7 @@ def _frame_edges(time: np.ndarray) -> np.ndarray:
 
 
 def _answer_edges(time: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    # A prediction is drawn from the last frame of its window to that of the next window.
+    # A prediction is drawn from the last frame of its window to the last frame of the next window.
     if len(time) == 0:
         return edges[:1]
     width = 0.03 * (edges[-1] - edges[0])
@@ -159,7 +159,7 @@ def _num_contacts(recording: Recording, time: np.ndarray) -> np.ndarray | None:
     tactile = recording.tactile
     is_integer = np.isnan(tactile) | (tactile == np.round(tactile))
     unit = recording.meta.get("unit")
-    # Only counts need a floor: in other units its value would be arbitrary.
+    # Only counts need a floor; in other units its value would be arbitrary.
     has_counts = unit == "count" or (unit is None and is_integer.all())
     floor = _CONTACT_FLOOR if has_counts else 0.0
     crop = ContactCrop(num_rest_frames, floor=floor, sustain=_SUSTAIN_FRAMES)
@@ -174,8 +174,8 @@ def _num_contacts(recording: Recording, time: np.ndarray) -> np.ndarray | None:
 
 
 def thin_steps(edges: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    r"""Reduces a step function to the resolution of a panel: the smallest and the largest value of
-    each block of steps, in their order.
+    r"""Returns a step function reduced to the resolution of a panel: the smallest and the largest
+    value of each block of steps, in order.
 
     Shapes:
         - **edges:** boundaries of the steps :math:`(R + 1,)`
@@ -200,8 +200,8 @@ def thin_steps(edges: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def thin_codes(edges: np.ndarray, code: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    r"""Reduces class indices over time to the resolution of a panel: the most frequent index of
-    each block of steps.
+    r"""Returns class indices over time reduced to the resolution of a panel: the most frequent
+    index of each block of steps.
 
     Shapes:
         - **edges:** boundaries of the steps :math:`(R + 1,)`

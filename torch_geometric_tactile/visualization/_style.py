@@ -17,24 +17,24 @@ if TYPE_CHECKING:
 
 DPI = 150
 INSTALL = 'pip install "torch-geometric-tactile[viz]"'
-# Font sizes in points. A figure 8 inches wide, in a column of 720 pixels, shows 8 points as 10
-# pixels.
+# Font sizes in points. In a figure that is 8 inches wide, in a column of 720 pixels, 8 points are
+# 10 pixels.
 TITLE, TEXT, SMALL, TINY = 10.5, 9.0, 8.0, 7.0
 
 
 MAX_WIDTH = 8.0  # inches
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 DASHES = ("-", "--", "-.", ":")
-HOLLOW = "hollow: no spread known"  # results of one run, or published without a spread
-_MARGIN = 0.25  # inches to either side of a title
-_LETTER_WIDTH = 0.52  # mean, in units of the font size
+HOLLOW = "hollow: no spread known"  # for results of one run, or published without a spread
+_MARGIN = 0.25  # inches on either side of a title
+_LETTER_WIDTH = 0.52  # mean width in units of the font size
 
 
 _Hues = tuple[str, ...]
 
 
 class Theme(NamedTuple):
-    r"""Colours of a picture; the defaults are those of a light page."""
+    r"""The colours of a picture. The defaults are for a light page."""
 
     ground: str = "#ffffff"
     ink: str = "#1b1f24"
@@ -84,7 +84,7 @@ def current_theme() -> Theme:
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    r"""Returns an empty figure in the colours of :func:`theme`, which is drawn in memory and
+    r"""Returns an empty figure in the colours of :func:`theme`. The figure is drawn in memory and
     displayed by notebooks.
 
     Args:
@@ -112,19 +112,19 @@ def new_figure(width: float, height: float) -> "Figure":
 
 
 def series_color(index: int) -> str:
-    r"""Returns the colour of a series; colours repeat after the end of the palette."""
+    r"""Returns the colour of a series. Colours repeat after the end of the palette."""
     palette = current_theme().palette
     return palette[index % len(palette)]
 
 
 def series_marker(index: int) -> str:
-    r"""Returns the marker of a series; markers repeat after the last one."""
+    r"""Returns the marker of a series. Markers repeat after the last marker."""
     return MARKERS[index % len(MARKERS)]
 
 
 def colormap(name: str) -> Any:
-    r"""Returns a colour map of matplotlib: :obj:`"sequential"`, :obj:`"diverging"` and
-    :obj:`"share"` are those of the theme, and other names those of matplotlib.
+    r"""Returns a colour map by its name: :obj:`"sequential"`, :obj:`"diverging"` or :obj:`"share"`
+    of the theme, or a colour map of matplotlib.
     """
     from matplotlib import colormaps
     from matplotlib.colors import LinearSegmentedColormap
@@ -147,8 +147,8 @@ def ink_on(color: Sequence[float]) -> str:
 
 
 def plain_text(text: str) -> str:
-    r"""Returns a text that matplotlib draws literally: dollar signs start no formula, and control
-    characters except line breaks are escaped.
+    r"""Returns a text that matplotlib draws literally. Dollar signs do not start formulas, and
+    control characters except line breaks are escaped.
 
     Examples:
         >>> print(plain_text("$5 mug"))
@@ -173,7 +173,7 @@ def fit_text(text: str, inches: float, size: float = TITLE) -> str:
 
 
 def hollow_handle() -> "Line2D":
-    r"""Returns the legend handle of hollow marks, which :obj:`HOLLOW` explains."""
+    r"""Returns the legend handle for hollow marks, which :obj:`HOLLOW` explains."""
     from matplotlib.lines import Line2D
 
     theme = current_theme()
@@ -185,7 +185,7 @@ def hollow_handle() -> "Line2D":
 def draw_legend(
     figure: "Figure", handles: list[Any], labels: list[str], *, columns: int, has_hollow: bool
 ) -> None:
-    r"""Draws a legend below the plots, with an explanation of hollow marks if there are some."""
+    r"""Draws a legend below the plots. It explains hollow marks if there are any."""
     if has_hollow:
         handles, labels = [*handles, hollow_handle()], [*labels, HOLLOW]
     figure.legend(handles, labels, loc="outside lower center", ncols=columns)
@@ -202,8 +202,8 @@ def draw_series(
     markersize: float,
     alpha: float,
 ) -> None:
-    r"""Draws a series as a line with a band (positions, lower and upper limits). Without a band,
-    the marks are hollow.
+    r"""Draws a series as a line with a band (positions, lower limits, upper limits). Without a
+    band, the marks are hollow.
     """
     color = series_color(index)
     ax.plot(
@@ -228,13 +228,13 @@ def symmetric_limit(values: np.ndarray, quantile: float) -> tuple[float, bool]:
     absolute = np.abs(values[np.isfinite(values)])
     if absolute.size == 0 or absolute.max() == 0:
         return 1.0, False
-    # The quantile is zero if almost all values are.
+    # The quantile is zero if almost all values are zero.
     limit = float(np.quantile(absolute, quantile)) or float(absolute.max())
     return limit, float(absolute.max()) > limit
 
 
 def title_figure(figure: "Figure", title: str | None) -> None:
-    r"""Writes the title of a figure, wrapped to its width; nothing if it is :obj:`None`."""
+    r"""Writes the title of a figure, wrapped to its width. Does nothing if it is :obj:`None`."""
     if title is not None:
         figure.suptitle(fit_text(title, figure.get_figwidth() - 2 * _MARGIN))
 
@@ -260,7 +260,7 @@ def style_axes(ax: "Axes") -> None:
 
 
 def open_plot(ax: "Axes", axis: Literal["both", "x", "y"] = "both") -> None:
-    r"""Draws the grid of a plot, and removes the frame at the top and on the right."""
+    r"""Draws the grid of a plot and removes the frame at the top and on the right."""
     ax.grid(axis=axis, color=current_theme().grid, linewidth=0.7)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)

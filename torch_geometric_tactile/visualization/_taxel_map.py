@@ -1,4 +1,4 @@
-r"""Shared parts of the pictures of taxels, of one pad or of a hand."""
+r"""Shared parts of pictures of taxels on one pad or on a hand."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
@@ -25,7 +25,7 @@ _DIGIT_COLORS = (0, 2, 3, 1, None, 4, 5)  # indices into the palette; the palm, 
 
 
 def view_axes(azimuth: float, elevation: float) -> np.ndarray:
-    r"""Returns the unit vectors to the right, up and towards a viewer as rows :math:`(3, 3)`.
+    r"""Returns the unit vectors that point right, up and towards a viewer, as rows :math:`(3, 3)`.
 
     Args:
         azimuth (float): Azimuth of the viewer about :math:`z` in degrees.
@@ -45,8 +45,7 @@ def checked_values(name: str, values: Tensor, num_taxels: int) -> Tensor:
         - **values, output:** :math:`(N,)`
 
     Raises:
-        ValueError: If the shape is not :obj:`(num_taxels,)`; the message names the argument
-            :obj:`name`.
+        ValueError: If the shape is not :obj:`(num_taxels,)`. The message contains :obj:`name`.
     """
     values = torch.as_tensor(values).detach().cpu().double()
     if values.shape != (num_taxels,):
@@ -61,19 +60,20 @@ def checked_edges(name: str, edge_index: Tensor, num_taxels: int) -> Tensor:
         - **edge_index:** :math:`(2, |\mathcal{E}|)`
 
     Raises:
-        ValueError: If the edges are invalid; the message names the argument :obj:`name`.
+        ValueError: If the edges are invalid. The message contains :obj:`name`.
     """
     edge_index = check_edges(torch.as_tensor(edge_index).detach().cpu(), num_taxels, f"'{name}'")
     return edge_index[:, edge_index[0] != edge_index[1]]
 
 
 def value_scale(values: Tensor | None, limits: tuple[float, float] | None, cmap: str) -> Any:
-    r"""Returns the mapping of matplotlib from values to colours.
+    r"""Returns matplotlib's mapping from values to colours.
 
     Args:
-        values (torch.Tensor, optional): The values, whose range is the default of :obj:`limits`.
-        limits (tuple of float, optional): Values at the ends of the colour scale.
-        cmap (str): Name of the colour map, as of :func:`colormap`.
+        values (torch.Tensor, optional): The values.
+        limits (tuple of float, optional): Values at the ends of the colour scale (default: the
+            range of :obj:`values`).
+        cmap (str): Name of the colour map, as in :func:`colormap`.
 
     Shapes:
         - **values:** :math:`(N,)`; NaN is ignored
@@ -102,7 +102,7 @@ def _value_limits(values: Tensor | None) -> tuple[float, float]:
 
 
 def value_colors(values: Tensor, scale: Any) -> list[tuple[float, ...]]:
-    r"""Returns the colour of each value; missing values (NaN) have the colour of the page.
+    r"""Returns the colour of each value. Missing values (NaN) have the colour of the page.
 
     Shapes:
         - **values:** :math:`(N,)`
@@ -126,7 +126,7 @@ def draw_taxels(
     outline: str,
     linewidth: float,
 ) -> None:
-    r"""Draws the taxels as circles, in their order; missing taxels have a dashed outline.
+    r"""Draws the taxels as circles, in order. Missing taxels have a dashed outline.
 
     Shapes:
         - **plane:** positions in the plane in millimetres :math:`(N, 2)`
@@ -158,7 +158,7 @@ def finish_map(
     scale: Any = None,
     label: str | None = None,
 ) -> None:
-    r"""Sets limits, axes in millimetres, title and colour bar of a map of taxels."""
+    r"""Sets the limits, the axes in millimetres, the title and the colour bar of a taxel map."""
     from matplotlib.ticker import MaxNLocator
 
     (left, bottom), (right, top) = corners
@@ -181,7 +181,7 @@ def draw_color_bar(ax: "Axes", scale: Any, label: str) -> None:
 
 
 def figure_size(plane: Tensor, width: float) -> tuple[float, float]:
-    r"""Returns width and height in inches of axes in the proportions of a layout.
+    r"""Returns the width and height, in inches, of axes with the proportions of a layout.
 
     Shapes:
         - **plane:** positions in the plane in millimetres :math:`(N, 2)`
@@ -192,7 +192,7 @@ def figure_size(plane: Tensor, width: float) -> tuple[float, float]:
 
 
 def taxel_diameter(plane: Tensor) -> float:
-    r"""Returns the diameter in millimetres at which circles do not overlap.
+    r"""Returns the largest diameter, in millimetres, at which circles do not overlap.
 
     Shapes:
         - **plane:** positions in the plane in millimetres :math:`(N, 2)`
@@ -201,12 +201,12 @@ def taxel_diameter(plane: Tensor) -> float:
     if len(plane) < 2:
         return extent / 4
     nearest = torch.cdist(plane, plane).fill_diagonal_(torch.inf).min()
-    # The lower limit keeps taxels visible that coincide in the projection.
+    # The lower limit keeps taxels visible whose projections coincide.
     return min(max(0.94 * float(nearest), extent / 50), extent / 4)
 
 
 def map_corners(plane: Tensor, diameter: float) -> tuple[list[float], list[float]]:
-    r"""Returns the lower left and the upper right corner of a map, with a margin of one diameter.
+    r"""Returns the lower left and upper right corners of a map with a margin of one diameter.
 
     Shapes:
         - **plane:** positions in the plane in millimetres :math:`(N, 2)`
@@ -215,7 +215,7 @@ def map_corners(plane: Tensor, diameter: float) -> tuple[list[float], list[float
 
 
 def digit_color(digit: int) -> str:
-    r"""Returns the colour of a digit, the same in all pictures."""
+    r"""Returns the colour of a digit. The colour is the same in all pictures."""
     theme = current_theme()
     palette_index = _DIGIT_COLORS[digit % len(_DIGIT_COLORS)]
     return "#8a8f96" if palette_index is None else theme.palette[palette_index]
@@ -224,7 +224,9 @@ def digit_color(digit: int) -> str:
 def segment_colors(
     layout: TaxelLayout, by: Literal["patch", "digit"]
 ) -> list[tuple[float, float, float]]:
-    r"""Returns the colour of each taxel: the colour of its digit or, by patch, a tint of it."""
+    r"""Returns the colour of each taxel: the colour of its digit or, by patch, a tint of that
+    colour.
+    """
     from matplotlib.colors import to_rgb
 
     digits = layout.segments("digit").tolist()
@@ -238,8 +240,8 @@ def segment_colors(
     colors = []
     ground = to_rgb(current_theme().ground)
     for color, digit, patch in zip(digit_colors, digits, patches, strict=True):
-        # Tints approach the colour of the page; every second patch is much lighter, so that
-        # neighbours differ.
+        # Tints approach the colour of the page. Every second patch is much lighter, so that
+        # neighbouring patches differ.
         number = digit_patches[digit].index(patch)
         tint = 0.55 * (number % 2) + 0.3 * number / len(digit_patches[digit])
         red, green, blue = (c + (g - c) * tint for c, g in zip(color, ground, strict=True))

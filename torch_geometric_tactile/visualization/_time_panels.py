@@ -16,10 +16,10 @@ from torch_geometric_tactile.visualization._style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MAX_COLUMNS = 1500  # about the pixels of a panel; matplotlib would drop some of more columns
+MAX_COLUMNS = 1500  # about the pixels of a panel; of more columns, matplotlib would drop some
 LANE_HEIGHT = 0.24  # inches
 _MAX_LANES = 8
-_MAX_NAME_LENGTH = 20  # letters of the name of a lane
+_MAX_NAME_LENGTH = 20  # letters in the name of a lane
 
 
 class Phase(NamedTuple):
@@ -32,7 +32,7 @@ class Phase(NamedTuple):
 
 def reading_at_rest(tactile: np.ndarray, time: np.ndarray, rest: float) -> np.ndarray:
     r"""Returns the median reading of each taxel and channel in the first :obj:`rest` seconds
-    :math:`(N, C)`; without readings there, the median of the entire recording.
+    :math:`(N, C)`. If there are no readings, the median over the entire recording is returned.
     """
     median = nan_median(tactile[time <= rest])
     is_missing = np.isnan(median)
@@ -42,7 +42,7 @@ def reading_at_rest(tactile: np.ndarray, time: np.ndarray, rest: float) -> np.nd
 
 
 def nan_median(values: np.ndarray) -> np.ndarray:
-    r"""Returns the median over the frames of readings :math:`(T, ...)`, NaN if all are missing."""
+    r"""Returns the median of readings :math:`(T, ...)` over the frames. NaN if all are missing."""
     median = np.full(values.shape[1:], np.nan, dtype=np.float32)
     has_readings = ~np.isnan(values).all(axis=0)
     median[has_readings] = np.nanmedian(values[:, has_readings], axis=0)
@@ -50,7 +50,7 @@ def nan_median(values: np.ndarray) -> np.ndarray:
 
 
 def recording_phases(recording: Recording, time: np.ndarray) -> list[Phase]:
-    r"""Returns the phases of a recording; an empty list if it has no signal :obj:`"phase"`.
+    r"""Returns the phases of a recording, or an empty list if it has no signal :obj:`"phase"`.
 
     Shapes:
         - **time:** times of the frames in seconds :math:`(T,)`
@@ -95,7 +95,7 @@ def name_phases(ax: "Axes", phases: list[Phase], duration: float) -> None:
 
 
 def cover_gaps(ax: "Axes", gaps: np.ndarray) -> None:
-    r"""Covers lines and steps in times without frames.
+    r"""Hides lines and steps during times without frames.
 
     Shapes:
         - **gaps:** start and end of each time without frames in seconds :math:`(G, 2)`
@@ -115,15 +115,15 @@ def cover_gaps(ax: "Axes", gaps: np.ndarray) -> None:
 
 
 class Lane(NamedTuple):
-    r"""The annotations of a label as bars: their starts and lengths in seconds."""
+    r"""The annotations with one label as bars: starts and lengths in seconds."""
 
     name: str
     bars: list[tuple[float, float]]
 
 
 def annotation_lanes(recording: Recording) -> list[Lane]:
-    r"""Returns a lane for each label of the annotations, with times since the first frame. If there
-    are more than eight labels, all labels after the seventh share the last lane.
+    r"""Returns a lane for each annotation label, with times since the first frame. If there are
+    more than eight labels, all labels after the seventh share the last lane.
     """
     first_time = float(recording.time[0])
     bars: dict[str, list[tuple[float, float]]] = {}
@@ -145,12 +145,12 @@ def draw_annotations(
     Args:
         ax (matplotlib.axes.Axes): The panel.
         lanes (list of Lane): The lanes.
-        colors (Mapping, optional): Colours by label, grey for other labels (default: those of the
-            palette).
+        colors (Mapping, optional): Colours by label; other labels are grey (default: the colours of
+            the palette).
     """
     for i, lane in enumerate(lanes):
         color = series_color(i) if colors is None else colors.get(lane.name, current_theme().faint)
-        # The outline keeps annotations without duration visible.
+        # The outline keeps annotations of zero duration visible.
         ax.broken_barh(lane.bars, (i - 0.3, 0.6), color=color, linewidth=1.0)
     limit = _MAX_NAME_LENGTH
     names = [

@@ -1,4 +1,4 @@
-r"""Pictures of the training of networks: losses, accuracy and gradients."""
+r"""Pictures of network training: losses, accuracy and gradients."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 
 class LearningCurves(NamedTuple):
-    r"""Losses and accuracy of a network after each epoch, and the quantiles 0.05, 0.25, 0.5, 0.75
-    and 0.95 of the root mean square of the gradients of each layer.
+    r"""The losses and the accuracy of a network after each epoch, and the quantiles 0.05, 0.25,
+    0.5, 0.75 and 0.95 of the root mean square of the gradients of each layer.
 
     Examples:
         >>> curves = LearningCurves([2.0, 1.0], [2.1, 1.5], [0.2, 0.6], {})
@@ -36,8 +36,8 @@ class LearningCurves(NamedTuple):
 
 
 def plot_training(curves: Mapping[str, LearningCurves], title: str) -> "Figure":
-    r"""Draws losses and accuracy over the epochs, and the distribution of the gradients of each
-    layer, in a row for each network.
+    r"""Draws the losses and the accuracy over the epochs, and the distribution of the gradients of
+    each layer, with one row per network.
 
     Args:
         curves (Mapping): Learning curves by the name of the network.
@@ -45,7 +45,7 @@ def plot_training(curves: Mapping[str, LearningCurves], title: str) -> "Figure":
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there is no network, or a network without epochs.
+        ValueError: If there are no networks, or a network has no epochs.
 
     Examples:
         >>> curves = LearningCurves([2.0, 1.0], [2.1, 1.5], [0.2, 0.6], {})
@@ -54,7 +54,7 @@ def plot_training(curves: Mapping[str, LearningCurves], title: str) -> "Figure":
         ['cross entropy', 'accuracy in %,\nheld out', 'gradient,\nroot mean square']
     """
     if not curves or not all(curve.train_loss for curve in curves.values()):
-        raise ValueError("'curves' must hold networks of at least one epoch (got none)")
+        raise ValueError("'curves' must hold networks with at least one epoch (got none)")
     figure = new_figure(8.0, 2.1 * len(curves) + 0.8)
     axes = figure.subplots(len(curves), 3, squeeze=False, width_ratios=[1, 1, 1.1])
     for row, (name, curve) in zip(axes, curves.items(), strict=True):

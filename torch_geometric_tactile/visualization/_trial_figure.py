@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-_TRUTH_OPACITY = 0.35  # of the true numbers
-_LEGEND_WIDTH = 18  # letters in a line of a legend
-_PANEL_WIDTH = 88  # letters of the smallest size in the width of a panel
+_TRUTH_OPACITY = 0.35  # opacity of the true numbers
+_LEGEND_WIDTH = 18  # letters per line of a legend
+_PANEL_WIDTH = 88  # letters of the smallest size per width of a panel
 
 
 def draw_trial(trial: PredictedTrial) -> "Figure":
@@ -79,15 +79,15 @@ def draw_trial(trial: PredictedTrial) -> "Figure":
     name_phases(panels[0], phases, float(end - trial.edges[0]))
     panels[-1].set_xlim(trial.edges[0], end)
     panels[-1].set_xlabel("time since the first frame (s)")
-    if len(trial.edges) == 2:  # a single frame, whose width has no meaning
+    if len(trial.edges) == 2:  # the width of a single frame has no meaning
         panels[-1].set_xticks([0.0])
     figure.align_ylabels(list(panels))
     return figure
 
 
 def _colored_outputs(trial: PredictedTrial) -> list[int]:
-    # Outputs of the model that have a colour, in their order: all, or the most important ones if
-    # there are more outputs than colours.
+    # The outputs of the model that have a colour, in order: all outputs, or the most important
+    # outputs if there are more outputs than colours.
     num_colors = len(current_theme().palette)
     if len(trial.names) <= num_colors:
         return list(range(len(trial.names)))
@@ -137,7 +137,7 @@ def _draw_values(ax: "Axes", trial: PredictedTrial, outputs: list[int]) -> None:
     )
     for k, (_, color, _) in enumerate(series):
         ax.stairs(thin[:, k], edges, baseline=None, color=color, linewidth=1.4)
-    if np.isnan(trial.value).all():  # also without predictions
+    if np.isnan(trial.value).all():  # also true without predictions
         text = "no predictions" if len(trial.value) == 0 else "all predictions are missing (NaN)"
         ax.text(
             0.5, 0.5, text, transform=ax.transAxes, ha="center", color=theme.soft, fontsize=SMALL
@@ -184,7 +184,7 @@ def _draw_touch(panels: Sequence["Axes"], trial: PredictedTrial) -> None:
 
 
 def _draw_class_lanes(ax: "Axes", trial: PredictedTrial, outputs: list[int]) -> None:
-    r"""Draws a lane of the predicted class and, if it is known, a lane of the true class.
+    r"""Draws a lane with the predicted class and, if it is known, a lane with the true class.
 
     Args:
         ax (matplotlib.axes.Axes): The panel.
@@ -244,8 +244,8 @@ def _write_name(ax: "Axes", x: float, y: float, name: str, color: str) -> None:
 
 
 def _draw_label_lanes(ax: "Axes", trial: PredictedTrial, outputs: list[int]) -> None:
-    r"""Draws a lane for each label: a thick bar where the label is predicted, and a thin bar where
-    it is true.
+    r"""Draws a lane for each label, with a thick bar where the label is predicted and a thin bar
+    where it is true.
 
     Args:
         ax (matplotlib.axes.Axes): The panel.
@@ -308,7 +308,7 @@ def _draw_side_legend(ax: "Axes", handles: list["Line2D"], labels: list[str]) ->
 
 
 def _shorten_middle(name: str, max_length: int) -> str:
-    r"""Returns a name on one line. The middle of a long name is left out, because names with the
+    r"""Returns a name on one line. The middle of a long name is omitted, because names with the
     same beginning often differ at the end.
     """
     if len(name) > max_length:

@@ -1,4 +1,4 @@
-r"""True classes or numbers of the outputs of a model, as a recording contains them."""
+r"""True classes or numbers of model outputs, from a recording."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -9,15 +9,15 @@ import numpy as np
 from torch_geometric_tactile.data import Recording
 from torch_geometric_tactile.data._annotations import OUTSIDE, annotation_of_frames, without_gaps
 
-ANNOTATED = "annotations"  # source of a truth from annotations
+ANNOTATED = "annotations"  # the source if the truth comes from annotations
 
 
 class Truth(NamedTuple):
     r"""The true classes or numbers of the frames, and their source in the recording.
 
     Shapes:
-        - **value:** names of classes, empty where unknown :math:`(T,)`; for labels 0 or 1, and for
-          a regression numbers, NaN where unknown :math:`(T, C)`
+        - **value:** names of classes :math:`(T,)`, which are empty where unknown; for labels 0 or 1
+          and for a regression numbers :math:`(T, C)`, which are NaN where unknown
     """
 
     value: np.ndarray
@@ -25,7 +25,7 @@ class Truth(NamedTuple):
 
 
 def find_truth(recording: Recording, names: Sequence[str], task: str) -> Truth | None:
-    r"""Returns the true classes or numbers that a recording contains; :obj:`None` without them.
+    r"""Returns the true classes or numbers in a recording, or :obj:`None` if there are none.
 
     Args:
         recording (Recording): The recording.
@@ -63,7 +63,7 @@ def _true_classes(recording: Recording, names: Sequence[str]) -> Iterator[Truth]
     if recording.label is not None and str(recording.label) in names:
         yield Truth(np.full(num_frames, str(recording.label)), "label")
     if without_gaps(recording.annotations):
-        with suppress(ValueError):  # overlapping annotations or annotations outside determine none
+        with suppress(ValueError):  # overlapping annotations and annotations outside have no class
             classes = annotation_of_frames(recording.annotations, recording.time)
             is_unknown = (classes == OUTSIDE) & (OUTSIDE not in names)
             if np.isin(classes[~is_unknown], names).all():
@@ -89,7 +89,7 @@ def _true_classes(recording: Recording, names: Sequence[str]) -> Iterator[Truth]
     for key, text in recording.meta.items():
         if isinstance(text, str) and text in names:
             yield Truth(np.full(num_frames, text), key)
-    # Integers without names, such as those of a column of numeric labels.
+    # Integers without names, such as a column with numeric labels.
     for key, signal in recording.privileged.items():
         if signal.ndim == 1 and signal.dtype.kind in "iu" and key != "phase":
             classes = signal.astype(str)

@@ -22,22 +22,22 @@ from torch_geometric_tactile.visualization._style import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_INPUT_SECONDS = 2.0  # from pick-up to the end of the input of the paper
+_INPUT_SECONDS = 2.0  # seconds from pick-up to the end of the paper's input
 _PHASE_OPACITY = 0.10
 
 
 def plot_bigs_grasps(recordings: Sequence[Recording]) -> "Figure":
-    r"""Draws simulated grasps side by side over time: the change of the readings of all electrodes,
-    and normal force, shear and standard deviation of the vibration of each fingertip. Phases are
-    shaded; a dashed line marks the end of the input of the paper, a red line the onset of slip, and
-    a dotted red line the loss of the object. One or two grasps fit on a page.
+    r"""Draws simulated grasps side by side over time: the change of all electrode readings, and the
+    normal force, shear and standard deviation of the vibration of each fingertip. Phases are
+    shaded. A dashed line marks the end of the paper's input, a red line the onset of slip, and a
+    dotted red line the loss of the object. One or two grasps fit on a page.
 
     Args:
-        recordings (sequence of Recording): Grasps as :func:`simulate_bigs` writes them.
+        recordings (sequence of Recording): Grasps written by :func:`simulate_bigs`.
 
     Raises:
-        ValueError: If there is no grasp, or a recording lacks frames, signals or metadata of such
-            a grasp.
+        ValueError: If there are no grasps, or if a recording lacks frames, signals or metadata of a
+            simulated grasp.
 
     Examples:
         >>> try:

@@ -24,20 +24,20 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
 _Values = Mapping[str, tuple[float, float]]
-_ROW_HEIGHT, _SERIES_HEIGHT = 0.14, 0.065  # inches of a row, and in addition for each series
+_ROW_HEIGHT, _SERIES_HEIGHT = 0.14, 0.065  # inches per row, plus inches per series
 _MIN_PANEL_WIDTH = 2.2  # inches
-_HALF_ROW = 0.32  # points lie within this part of a row to either side of its centre
+_HALF_ROW = 0.32  # points lie within this part of a row on either side of its centre
 
 
 class ComparisonPanel(NamedTuple):
-    r"""Title, axis label and numbers of one panel of :func:`plot_comparison`.
+    r"""The title, axis label and numbers of one panel of :func:`plot_comparison`.
 
     Args:
         title (str): Title of the panel.
         xlabel (str): Name and unit of the numbers.
-        rows (Mapping): Mean and standard deviation of each series, for each row. A series without a
-            result in a row is left out there; a standard deviation of NaN has no bar. A line
-            separates rows whose names differ before the colon.
+        rows (Mapping): Mean and standard deviation of each series, for each row. If a row has no
+            result for a series, the series is left out. If the standard deviation is NaN, no bar is
+            drawn. A line separates rows whose names differ before the colon.
         from_zero (bool): Whether the axis begins at zero.
 
     Examples:
@@ -57,22 +57,22 @@ def plot_comparison(
     panels: Sequence[ComparisonPanel], series: Sequence[str], title: str
 ) -> "Figure":
     r"""Draws a table of numbers as points, with one line for each row and one colour for each
-    series. Points without a standard deviation, such as published numbers or those of one seed, are
-    hollow.
+    series. Points without a standard deviation, such as published numbers or results of one seed,
+    are hollow.
 
-    Two panels are drawn side by side, or one if the names of their rows are too wide for a page.
-    Neighbours with the same rows share the names of the rows, and panels with the same label share
-    the range of the axis.
+    Two panels are drawn side by side, or one if the row names are too wide for a page. Neighbouring
+    panels with the same rows share the row names, and panels with the same label share the range of
+    the axis.
 
     Args:
         panels (sequence of ComparisonPanel): The panels.
-        series (sequence of str): Names of the series, in the order of the legend; the first series,
-            drawn as black diamonds, is the reference.
+        series (sequence of str): Names of the series, in the order of the legend. The first series
+            is the reference and is drawn as black diamonds.
         title (str): Title of the picture.
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there is no panel or row, or :obj:`series` lacks a series of a panel.
+        ValueError: If there are no panels or rows, or if :obj:`series` lacks a series of a panel.
 
     Examples:
         >>> rows = {"GCN": {"published": (86.1, float("nan")), "ours": (84.0, 1.5)}}
@@ -84,7 +84,7 @@ def plot_comparison(
     if not panels or not all(panel.rows for panel in panels):
         raise ValueError("'panels' must hold at least one panel with at least one row (got none)")
     unknown = {name for panel in panels for row in panel.rows.values() for name in row} - {*series}
-    need(not unknown, f"'series' must hold all names of 'panels' (lacks {sorted(unknown)})")
+    need(not unknown, f"'series' must hold all names in 'panels' (lacks {sorted(unknown)})")
     columns = _num_columns(panels)
     panel_rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
     heights = [max(len(panel.rows) for panel in panel_row) for panel_row in panel_rows]

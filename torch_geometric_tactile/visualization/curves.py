@@ -24,20 +24,20 @@ def plot_curves(
     ylabel: str,
     title: str,
 ) -> "Figure":
-    r"""Draws the means of several series as lines, with bands of one standard deviation to either
-    side. The points of a series without any standard deviation, such as that of one seed, are
-    hollow, and the legend explains them.
+    r"""Draws the means of several series as lines, with bands of one standard deviation on either
+    side. If a series has no standard deviations, for example because there is one seed, its points
+    are hollow. The legend explains hollow points.
 
     Args:
-        curves (Mapping): Points of each series: position on the axis, mean and standard deviation
-            (NaN for none).
+        curves (Mapping): Points of each series: position on the axis, mean, and standard deviation
+            (NaN if there is none).
         xlabel (str): Label of the axis.
         ylabel (str): Name and unit of the means.
         title (str): Title of the picture.
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there is no point.
+        ValueError: If there are no points.
 
     Examples:
         >>> curves = {"GCN": [(1, 80.0, 1.5), (2, 84.0, 1.0)]}

@@ -36,8 +36,8 @@ def plot_embedding(
     title: str | None = None,
     untrained: Tensor | None = None,
 ) -> "Figure":
-    r"""Draws each taxel at the position of its features in an embedding, with a hand as the legend
-    of the colours, as in the "Tactile Object Property Recognition using Geometrical Graph Edge
+    r"""Draws each taxel at the position of its features in an embedding, with a hand as the colour
+    legend, as in the "Tactile Object Property Recognition using Geometrical Graph Edge
     Features and Multi-Thread Graph Convolutional Network" and the "Multifingered Object Recognition
     with Tactile Sensors and Graph Convolutional Networks using Topological Graph Segmentation"
     papers.
@@ -48,17 +48,18 @@ def plot_embedding(
     Args:
         places (torch.Tensor): Position of each taxel in the embedding.
         layout (TaxelLayout): The layout.
-        kinematics (HandKinematics, optional): The hand, as of :func:`plot_hand`.
+        kinematics (HandKinematics, optional): The hand, as in :func:`plot_hand`.
         color_by (str): Segments of one colour: :obj:`"patch"` (tints of the colour of the digit) or
             :obj:`"digit"`. Digits have different markers in both cases.
         axis_name (str): Name of the axes, to which a number is added, such as :obj:`"t-SNE"`.
         title (str, optional): Title of the picture.
-        untrained (torch.Tensor, optional): Positions by the features of an untrained network of the
-            same shape, drawn for comparison: training has caused only the differences.
+        untrained (torch.Tensor, optional): Positions for the features of an untrained network with
+            the same architecture. They are drawn for comparison: only the differences are due to
+            training.
 
     Shapes:
         - **places:** :math:`(N, 2)` or :math:`(N, 3)`
-        - **untrained:** as :obj:`places`
+        - **untrained:** like :obj:`places`
 
     Raises:
         ImportError: If matplotlib is missing.
@@ -116,13 +117,13 @@ def _checked_places(name: str, places: Tensor, layout: TaxelLayout) -> Tensor:
             f"'{name}' must have shape ({layout.num_taxels}, 2) or ({layout.num_taxels}, 3) "
             f"(got {tuple(places.shape)})"
         )
-    need(places.isfinite().all(), f"'{name}' must hold finite numbers only (got NaN or infinity)")
+    need(places.isfinite().all(), f"'{name}' must hold finite numbers (got NaN or infinity)")
     return places
 
 
 def _axes_of_two_models(num_views: int) -> "tuple[Figure, list[Axes], Axes]":
-    # Models are drawn side by side if they have one view, else one below the other. The hand is on
-    # the right.
+    # Models are drawn side by side if they have one view, otherwise one below the other. The hand
+    # is on the right.
     rows, columns = (1, 2) if num_views == 1 else (2, num_views)
     figure = new_figure(8.0, 3.3 if rows == 1 else 4.9)
     hand_width = 1.0 if rows == 1 else 1.5  # in widths of a view; the names of digits need space

@@ -1,4 +1,4 @@
-r"""Pictures of feature maps, and of samples in an embedding of their features."""
+r"""Pictures of feature maps and of samples in an embedding of their features."""
 
 from collections.abc import Mapping, Sequence
 from math import ceil
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 def plot_feature_maps(
     image: ArrayLike, maps: Mapping[str, ArrayLike], title: str, columns: int = 9
 ) -> "Figure":
-    r"""Draws an image and its feature maps, with separate rows for each kind of maps. All maps of a
-    kind share one colour scale, from the smallest to the largest number.
+    r"""Draws an image and its feature maps, with separate rows for each kind of map. All maps of
+    the same kind share one colour scale from the smallest to the largest number.
 
     Args:
         image (array): The image.
-        maps (Mapping): The maps of each kind, by the name of the kind.
+        maps (Mapping): The maps by the name of their kind.
         title (str): Title of the picture.
         columns (int): Largest number of maps side by side.
 
@@ -45,7 +45,7 @@ def plot_feature_maps(
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there is no map, or maps have another shape.
+        ValueError: If there are no maps, or maps have another shape.
 
     Examples:
         >>> figure = plot_feature_maps(np.eye(8), {"first layer": np.ones((3, 4, 4))}, "Maps")
@@ -86,9 +86,9 @@ def _draw_image(ax: "Axes", values: np.ndarray, low: float, high: float | None) 
 def plot_sample_embeddings(
     panels: Mapping[str, tuple[ArrayLike, Sequence[str]]], title: str, columns: int = 4
 ) -> "Figure":
-    r"""Draws samples at the positions of their features in an embedding, coloured by class, in a
-    panel for each model. The axes have no numbers, because neither the scale nor the direction of
-    an embedding has a meaning.
+    r"""Draws samples at the positions of their features in an embedding, with a colour for each
+    class and a panel for each model. The axes have no numbers, because neither the scale nor the
+    direction of an embedding has a meaning.
 
     Args:
         panels (Mapping): Positions and class names of the samples, by the name of the model.
@@ -100,7 +100,7 @@ def plot_sample_embeddings(
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there is no panel, or the numbers of positions and names differ.
+        ValueError: If there are no panels, or if the numbers of positions and names differ.
 
     Examples:
         >>> places = np.array([[0.0, 1.0], [2.0, 3.0]])

@@ -1,5 +1,5 @@
-r"""Theme and files of all figures. Figures do not use pyplot: they have no global state, need no
-display and can be drawn in threads.
+r"""The theme and the files of all figures. Figures do not use pyplot: they have no global state,
+need no display and can be drawn in threads.
 """
 
 from collections.abc import Iterator
@@ -49,8 +49,8 @@ def save_figure(figure: "Figure", path: PathLike) -> None:
 
 @contextmanager
 def theme(name: Literal["light", "dark"]) -> Iterator[None]:
-    r"""Sets the colours of the figures made within a :obj:`with` block to those of a light or a
-    dark page. The default is a light page.
+    r"""Sets the theme of figures that are created within a :obj:`with` block: colours for a light
+    page (the default) or for a dark page.
 
     Args:
         name (str): :obj:`"light"` or :obj:`"dark"`.

@@ -1,4 +1,4 @@
-r"""Pictures of grasps with the readings of all fingers."""
+r"""Pictures of grasps with the readings from all fingers."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -32,10 +32,10 @@ def plot_grasps(
     edge_index: Tensor | None = None,
     unit: str = "standard deviations",
 ) -> "Figure":
-    r"""Draws several grasps, one row per grasp and one column per finger, with one colour scale.
+    r"""Draws several grasps with one row per grasp and one column per finger.
 
-    The scale is symmetric about zero and ends at the 98th percentile of the absolute readings, so
-    that a single broken taxel does not make all other taxels pale.
+    All grasps share one colour scale. It is symmetric about zero and ends at the 98th percentile of
+    the absolute readings, so that a single broken taxel does not make all other taxels pale.
 
     Args:
         layout (TaxelLayout): The layout of one finger.
@@ -50,7 +50,7 @@ def plot_grasps(
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there is no grasp or no finger, or readings have another shape.
+        ValueError: If there are no grasps or no fingers, or if readings have another shape.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import biotac_sp

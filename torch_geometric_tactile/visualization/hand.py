@@ -1,4 +1,4 @@
-r"""Pictures of a hand in the pose of its joints."""
+r"""Pictures of a hand in the pose given by its joint angles."""
 
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NAME_SIZES = {"patch": 6.5, "digit": TEXT + 0.5}  # points
-# Relative to the extent of the hand; the lower margin has space for names.
+# Margins relative to the extent of the hand; the lower margin has space for names.
 _MARGIN, _LOWER_MARGIN = 0.048, 0.072
 
 
 def open_hand(kinematics: HandKinematics) -> Tensor:
-    r"""Returns the joint angles of an open hand, as figures and the viewer draw it: all angles are
-    zero, or the limit nearest to zero, and the thumb of an Allegro hand is turned such that its
-    pads are visible.
+    r"""Returns the joint angles of an open hand, as drawn in figures and in the viewer. Each angle
+    is zero, or the limit nearest to zero. The thumb of an Allegro hand is turned so that its pads
+    are visible.
 
     Args:
         kinematics (HandKinematics): The hand.
@@ -68,13 +68,14 @@ def plot_hand(
     edge_label: str | None = "edge value",
     title: str | None = None,
 ) -> "Figure":
-    r"""Draws the taxels of a hand in the pose of its joints, without perspective.
+    r"""Draws the taxels of a hand in the pose given by its joint angles, without perspective.
 
     The default view is along the negative :math:`x` axis of the root link, with :math:`y` to the
-    right and :math:`z` up: that of the palm of an Allegro hand with the fingertips up. Edges within
-    a patch are grey, edges between patches orange, and an edge without its reverse is an arrow.
-    With :obj:`edge_value`, the half of a line next to a taxel has the colour of the edge to that
-    taxel, and taxels are small and plain unless they have a :obj:`value`.
+    right and :math:`z` up. For an Allegro hand, this shows the palm with the fingertips up.
+
+    Edges within a patch are grey, edges between patches are orange, and an edge without its reverse
+    is an arrow. With :obj:`edge_value`, the half of a line next to a taxel has the colour of the
+    edge to that taxel, and taxels are small and plain unless they have a :obj:`value`.
 
     Args:
         layout (TaxelLayout): The layout; its links are links of the hand.
@@ -83,27 +84,27 @@ def plot_hand(
             :func:`open_hand`).
         adjacency (str or torch.Tensor, optional): Edges to draw below the taxels: the name of an
             adjacency of the layout, or directed edges.
-        value (torch.Tensor, optional): Values that determine the colours of the taxels, instead of
-            :obj:`color_by`; taxels with a missing value (NaN) are plain with a dashed outline.
+        value (torch.Tensor, optional): Values that determine the colours of the taxels instead of
+            :obj:`color_by`. Taxels with a missing value (NaN) are plain with a dashed outline.
         edge_value (torch.Tensor, optional): Values that determine the colours of the edges of
             :obj:`adjacency`.
-        ax (matplotlib.axes.Axes, optional): Axes to draw on (default: those of a new figure).
+        ax (matplotlib.axes.Axes, optional): Axes to draw on (default: a new figure).
         color_by (str): Segments of one colour: :obj:`"patch"` (tints of the colour of the digit) or
             :obj:`"digit"`.
         names (str, optional): Segments to name below their taxels: :obj:`"patch"` or
             :obj:`"digit"`.
         azimuth (float): Azimuth of the viewer about the :math:`z` axis of the root link, in
-            degrees; at 90 the view is along negative :math:`y`.
-        elevation (float): Elevation of the viewer in degrees; at 90 the view is along negative
-            :math:`z`.
+            degrees. At 90 degrees, the view is along negative :math:`y`.
+        elevation (float): Elevation of the viewer in degrees. At 90 degrees, the view is along
+            negative :math:`z`.
         limits (tuple of float, optional): Values at the ends of the colour scale (default: lowest
             and highest value).
-        cmap (str): Name of a colour map of matplotlib, or :obj:`"sequential"` or
-            :obj:`"diverging"` for those of the theme.
+        cmap (str): Name of a matplotlib colour map, or :obj:`"sequential"` or :obj:`"diverging"`
+            for a colour map of the theme.
         label (str, optional): Label of the colour bar. With :obj:`None`, there is no colour bar.
-        edge_limits (tuple of float, optional): As :obj:`limits`, for the edges.
-        edge_cmap (str): As :obj:`cmap`, for the edges.
-        edge_label (str, optional): As :obj:`label`, for the edges.
+        edge_limits (tuple of float, optional): Like :obj:`limits`, for the edges.
+        edge_cmap (str): Like :obj:`cmap`, for the edges.
+        edge_label (str, optional): Like :obj:`label`, for the edges.
         title (str, optional): Title of the picture.
 
     Shapes:
@@ -115,8 +116,8 @@ def plot_hand(
     Raises:
         ImportError: If matplotlib is missing.
         ValueError: If the shape of :obj:`joint`, :obj:`adjacency`, :obj:`value` or
-            :obj:`edge_value` does not fit, the hand lacks a link of the layout, :obj:`limits` are
-            not increasing, or :obj:`color_by` or :obj:`names` is unknown.
+            :obj:`edge_value` does not fit, if the hand lacks a link of the layout, if
+            :obj:`limits` are not increasing, or if :obj:`color_by` or :obj:`names` is unknown.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import allegro_uskin
@@ -142,7 +143,7 @@ def plot_hand(
     kinematics = HandKinematics.allegro() if kinematics is None else kinematics
     pos = _taxel_positions(layout, kinematics, joint)
     plane, depth = _project(pos, azimuth, elevation)
-    # Diameter relative to the spacing of the taxels: edges must stay visible.
+    # The diameter is relative to the spacing of the taxels, so that edges stay visible.
     relative_diameter = 0.845 if edge_index is None else 0.42
     if edge_value is not None and value is None:
         relative_diameter = 0.2
@@ -165,7 +166,7 @@ def plot_hand(
         _draw_edges(ax, plane, edge_index, layout)
     elif edge_index is not None and edge_value is not None:
         _draw_edge_values(ax, plane, edge_index, edge_value, edge_scale, 1.8)
-    order = depth.argsort(stable=True).tolist()  # near taxels cover far ones
+    order = depth.argsort(stable=True).tolist()  # near taxels cover distant taxels
     draw_taxels(
         ax,
         plane[order],
@@ -187,7 +188,7 @@ def plot_hand(
 def _plain_colors(
     layout: TaxelLayout, color_by: Literal["patch", "digit"] | None
 ) -> list[tuple[float, ...]]:
-    # Colours of taxels without values: those of their segments, or of the theme.
+    # The colours of taxels without values: the colours of their segments, or of the theme.
     from matplotlib.colors import to_rgba
 
     if color_by is None:
@@ -202,7 +203,7 @@ def _taxel_positions(
     joint = torch.as_tensor(open_hand(kinematics) if joint is None else joint).detach().cpu()
     if joint.shape != (kinematics.num_joints,):
         raise ValueError(
-            f"'joint' must be one frame, of shape ({kinematics.num_joints},) "
+            f"'joint' must be one frame with shape ({kinematics.num_joints},) "
             f"(got {tuple(joint.shape)})"
         )
     return kinematics.taxel_pose(layout, joint).pos.double() * 1e3
@@ -217,7 +218,8 @@ def _project(pos: Tensor, azimuth: float, elevation: float) -> tuple[Tensor, Ten
 def _spacing(pos: Tensor) -> float:
     if len(pos) < 2:
         return 4.0
-    # Measured in space, not in the plane, so that circles have the same size from all sides.
+    # Spacing is measured in space, not in the plane, so that circles have the same size in all
+    # views.
     nearest = torch.cdist(pos, pos).fill_diagonal_(torch.inf).amin(dim=1)
     extent = float((pos.amax(dim=0) - pos.amin(dim=0)).max())
     return max(float(nearest.median()), extent / 100) or 4.0
@@ -251,8 +253,8 @@ def _draw_names(
 
 
 def _draw_edges(ax: "Axes", plane: Tensor, edge_index: Tensor, layout: TaxelLayout) -> None:
-    r"""Draws each pair of opposite edges as one line, grey within a patch and orange between
-    patches, and edges without their reverse as arrows.
+    r"""Draws each pair of opposite edges as one line, which is grey within a patch and orange
+    between patches. Edges without their reverse are drawn as arrows.
 
     Shapes:
         - **plane:** positions in the plane in millimetres :math:`(N, 2)`
@@ -323,7 +325,7 @@ def _has_reverse(source: Tensor, target: Tensor, num_taxels: int) -> Tensor:
 
 
 def _group_edges(edge_index: Tensor, layout: TaxelLayout) -> tuple[Tensor, Tensor, Tensor]:
-    # Pairs within a patch, pairs between patches, and edges without their reverse, all (n, 2).
+    # Returns pairs within a patch, pairs between patches, and edges without their reverse (n, 2).
     num_taxels = layout.num_taxels
     source, target = checked_edges("adjacency", edge_index, num_taxels).unique(dim=1)
     has_reverse = _has_reverse(source, target, num_taxels)

@@ -36,19 +36,19 @@ def plot_hand_panels(
     columns: int = 4,
     title: str | None = None,
 ) -> "Figure":
-    r"""Draws a hand for each of several sets of values of its taxels, such as the attribution of
-    each label, with one colour scale: zero is pale, positive values are red and negative values
-    blue.
+    r"""Draws a hand for each of several sets of taxel values, such as the attribution of each
+    label. All hands share one colour scale: zero is pale, positive values are red, and negative
+    values are blue.
 
     Args:
         layout (TaxelLayout): The layout.
-        values (Mapping of str to torch.Tensor): The values by the title of their picture; taxels
+        values (Mapping of str to torch.Tensor): The values by the title of their picture. Taxels
             with a missing value (NaN) have a dashed outline.
-        kinematics (HandKinematics, optional): The hand, as of :func:`plot_hand`.
-        joint (torch.Tensor, optional): Joint angles in radians, as of :func:`plot_hand`.
-        label (str): Name and unit of the values, beside the colour bar.
+        kinematics (HandKinematics, optional): The hand, as in :func:`plot_hand`.
+        joint (torch.Tensor, optional): Joint angles in radians, as in :func:`plot_hand`.
+        label (str): Name and unit of the values, which are shown beside the colour bar.
         limit (float, optional): Absolute value at the ends of the colour scale (default: the
-            largest absolute value). Values beyond have the colour of the end.
+            largest absolute value). Larger values have the colour of the end.
         columns (int): Largest number of pictures side by side.
         title (str, optional): Title of all pictures.
 
@@ -58,8 +58,8 @@ def plot_hand_panels(
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there are no values, they do not fit the layout, :obj:`limit` is not
-            positive, or :obj:`columns` is below one.
+        ValueError: If there are no values, if values do not fit the layout, if :obj:`limit` is not
+            positive, or if :obj:`columns` is below one.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import allegro_uskin

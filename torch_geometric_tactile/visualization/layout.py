@@ -32,12 +32,13 @@ if TYPE_CHECKING:
 
 
 def layout_plane(layout: TaxelLayout) -> Tensor:
-    r"""Projects the taxels onto the plane that faces the viewer of the pad. Pads on several links
-    are placed side by side in the order of their links, as in the viewer.
+    r"""Returns the taxels projected onto the plane that faces the viewer of the pad. Pads on
+    several links are placed side by side in the order of their links, as in the viewer.
 
-    The mean normal of a pad points at the viewer; the two axes of the link frame at the largest
-    angles to the normal point to the right and up. The origin is that of the link frame; with
-    several links, the lower left corner of the first pad is on the left.
+    The mean normal of a pad points at the viewer. The two axes of the link frame with the largest
+    angles to the normal point to the right and up. The origin is the origin of the link frame. With
+    several links, the origin is at the left edge of the first pad, and every pad is centred
+    vertically.
 
     Args:
         layout (TaxelLayout): The layout.
@@ -74,21 +75,21 @@ def plot_layout(
 ) -> "Figure":
     r"""Draws the taxels of a layout as circles, seen from the contact side of the pad.
 
-    The picture is not mirrored, and its axes have the names of those of the link frame. Pads on
+    The picture is not mirrored, and its axes are named after the axes of the link frame. Pads on
     several links are drawn side by side, below the names of the links.
 
     Args:
         layout (TaxelLayout): The layout.
-        values (torch.Tensor, optional): Values that determine the colours of the taxels; taxels
+        values (torch.Tensor, optional): Values that determine the colours of the taxels. Taxels
             with a missing value (NaN) are white with a dashed outline.
         edge_index (torch.Tensor, optional): Edges to draw below the taxels.
-        ax (matplotlib.axes.Axes, optional): Axes to draw on (default: those of a new figure).
+        ax (matplotlib.axes.Axes, optional): Axes to draw on (default: a new figure).
         limits (tuple of float, optional): Values at the ends of the colour scale (default: lowest
             and highest value).
-        cmap (str): Name of a colour map of matplotlib.
+        cmap (str): Name of a matplotlib colour map.
         label (str, optional): Label of the colour bar. With :obj:`None`, there is no colour bar.
         title (str, optional): Title of the picture.
-        numbers (bool): Whether to draw the indices of the taxels in the readings.
+        numbers (bool): Whether to write the index of each taxel in the readings.
 
     Shapes:
         - **values:** one per taxel :math:`(N,)`
@@ -154,9 +155,9 @@ def _name_axes(ax: "Axes", layout: TaxelLayout, plane: Tensor, diameter: float) 
 def _name_pads(
     ax: "Axes", layout: TaxelLayout, pads: Sequence[Tensor], plane: Tensor, diameter: float
 ) -> None:
-    # Names above the pads, each on the first line where it touches no other name.
+    # Each name is above its pad, on the first line where it touches no other name.
     assert layout.link is not None
-    ax.figure.figure.draw_without_rendering()  # settles the scale for the widths of names
+    ax.figure.figure.draw_without_rendering()  # fixes the scale that the widths of names depend on
     left, right = ax.get_xlim()
     mm_per_pixel = (right - left) / ax.get_window_extent().width
     top = float(plane[:, 1].max()) + diameter
@@ -187,7 +188,8 @@ def _draw_numbers(
     from matplotlib.textpath import TextPath
     from matplotlib.transforms import Affine2D
 
-    # Paths in millimetres, unlike text in points, fit into their circles at every figure size.
+    # Numbers are paths in millimetres, which fit into the circles at every figure size. Text in
+    # points would not.
     paths = [TextPath((0, 0), str(i), size=1.0) for i in range(len(plane))]
     boxes = [path.get_extents() for path in paths]
     size = diameter * min(0.45 / boxes[0].height, 0.75 / max(box.width for box in boxes))

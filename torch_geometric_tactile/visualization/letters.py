@@ -1,4 +1,4 @@
-r"""Pictures of presses on an array."""
+r"""Pictures of presses on a tactile array."""
 
 import math
 from collections.abc import Sequence
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MAX_PANEL_WIDTH = 1.05  # inches
-_HIGH_QUANTILE = 0.995  # of the positive readings, at the end of the colour scale
-_RELATIVE_DIAMETER = 1.12  # of circles; above 1 they cover most of the gaps between them
+_HIGH_QUANTILE = 0.995  # quantile of the positive readings at the end of the colour scale
+_RELATIVE_DIAMETER = 1.12  # of circles; above 1, circles cover most of the gaps between them
 
 
 def plot_presses(
@@ -39,27 +39,27 @@ def plot_presses(
     label: str = "reading",
     title: str | None = None,
 ) -> "Figure":
-    r"""Draws presses on a flat array side by side, as images if the layout has an image map, else
-    as circles. The :math:`y` axis points downwards, like the rows of an image.
+    r"""Draws presses on a flat array side by side: as images if the layout has an image map,
+    otherwise as circles. The :math:`y` axis points downwards, like the rows of an image.
 
     Args:
         readings (numpy.ndarray): The presses :math:`(P, N)`, or images of them
             :math:`(P, H, W)` with :math:`H \cdot W = N`.
         titles (sequence of str): Titles of the presses.
         layout (TaxelLayout, optional): The pixels (default: :func:`letter_array`).
-        columns (int): Number of presses in a row.
+        columns (int): Number of presses per row.
         limits (tuple of float, optional): Readings at the ends of the colour scale (default: zero
             and the 99.5 % quantile of the readings above zero). The end of the colour bar is
-            pointed if readings are higher.
-        cmap (str): Name of a colour map of matplotlib, or :obj:`"sequential"` for that of the
-            theme.
+            pointed if there are higher readings.
+        cmap (str): Name of a matplotlib colour map, or :obj:`"sequential"` for the colour map of
+            the theme.
         label (str): Label of the colour bar, such as the unit of the readings.
         title (str, optional): Title of the picture.
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there are no presses, their shape does not fit the layout, the number of
-            titles differs, or :obj:`columns` is below one.
+        ValueError: If there are no presses, if their shape does not fit the layout, if the number
+            of titles differs, or if :obj:`columns` is below one.
 
     Examples:
         >>> from torch_geometric_tactile.sensors import grid
@@ -89,8 +89,8 @@ def plot_presses(
 
 
 def _default_limits(presses: np.ndarray) -> tuple[float, float]:
-    # A quantile, since a single faulty pixel would darken all others.
-    positive = presses[presses > 0]  # not NaN; arrays that are hardly touched are mostly zero
+    # A quantile is used, because a single faulty pixel would darken all other pixels.
+    positive = presses[presses > 0]  # excludes NaN, and the many zeros of a slightly touched array
     high = float(np.quantile(positive, _HIGH_QUANTILE)) if len(positive) else 0.0
     return 0.0, max(high, 1e-6)
 
@@ -101,7 +101,7 @@ def _checked_presses(
     presses = np.asarray(readings, dtype=np.float64)
     if presses.ndim not in (2, 3) or len(presses) == 0:
         raise ValueError(
-            f"'readings' must be presses of shape (P, N) or (P, H, W) (got {presses.shape})"
+            f"'readings' must be presses with shape (P, N) or (P, H, W) (got {presses.shape})"
         )
     presses = presses.reshape(len(presses), -1)
     if presses.shape[1] != layout.num_taxels:
@@ -109,7 +109,11 @@ def _checked_presses(
             f"'readings' must have one number for each of {layout.num_taxels} taxels (got "
             f"{presses.shape[1]})"
         )
-    need(len(titles) == len(presses), f"'titles' must be one a press, {len(presses)}", len(titles))
+    need(
+        len(titles) == len(presses),
+        f"'titles' must have {len(presses)}, one per press",
+        len(titles),
+    )
     return presses
 
 

@@ -1,4 +1,4 @@
-r"""Pictures of the results of classifiers: confusion matrices, ROC curves and accuracies."""
+r"""Pictures of classification results: confusion matrices, ROC curves and accuracies."""
 
 from collections.abc import Mapping, Sequence
 from math import ceil, floor, isfinite
@@ -32,18 +32,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _Accuracy = tuple[float, float]
-_AXIS_START = 0.4  # of the axis of accuracies, unless a result is lower
+_AXIS_START = 0.4  # start of the axis of accuracies, unless a result is lower
 _ROC_SIZE = 4.4  # inches
-_MAX_CLASSES_WITH_COUNTS = 12  # in a matrix of more classes, counts would not be readable
+_MAX_CLASSES_WITH_COUNTS = 12  # in a matrix with more classes, counts would not be readable
 
 
 def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) -> "Figure":
-    r"""Draws a confusion matrix with counts and the percentages of each row; for more than 12
-    classes, only percentages.
+    r"""Draws a confusion matrix with counts and with the percentages of each row. For more than 12
+    classes, only percentages are drawn.
 
     Args:
-        matrix (array): Counts, with the true class along the rows and the predicted class along
-            the columns.
+        matrix (array): Counts. Rows are true classes, and columns are predicted classes.
         class_names (sequence of str): Names of the :math:`C` classes.
         title (str): Title of the picture.
 
@@ -52,8 +51,8 @@ def plot_confusion(matrix: ArrayLike, class_names: Sequence[str], title: str) ->
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If :obj:`matrix` is not square, does not have one row per name, or contains
-            numbers that are not counts.
+        ValueError: If :obj:`matrix` is not square, if it does not have one row per name, or if it
+            contains numbers that are not counts.
 
     Examples:
         >>> figure = plot_confusion([[3, 1], [0, 4]], ["stable", "slip"], "Unseen objects")
@@ -121,12 +120,12 @@ def _draw_cells(
 def plot_label_confusions(
     matrices: ArrayLike, label_names: Sequence[str], title: str, columns: int = 3
 ) -> "Figure":
-    r"""Draws a 2 x 2 confusion matrix for each label (absent and present), for samples that may
+    r"""Draws a 2 x 2 confusion matrix (absent and present) for each label, for samples that may
     have several labels.
 
     Args:
-        matrices (array): Counts, for each label :obj:`[[true negative, false positive], [false
-            negative, true positive]]`.
+        matrices (array): Counts. The matrix of a label is :obj:`[[true negative, false positive],
+            [false negative, true positive]]`.
         label_names (sequence of str): Names of the :math:`C` labels.
         title (str): Title of the picture.
         columns (int): Largest number of labels side by side.
@@ -137,7 +136,7 @@ def plot_label_confusions(
     Raises:
         ImportError: If matplotlib is missing.
         ValueError: If :obj:`matrices` has another shape or contains numbers that are not counts,
-            or :obj:`columns` is below one.
+            or if :obj:`columns` is below one.
 
     Examples:
         >>> figure = plot_label_confusions([[[3, 1], [0, 4]]], ["soft"], "Labels")
@@ -179,14 +178,14 @@ def plot_roc(
         curves (Mapping of str to tuple): False positive rates, true positive rates and the area
             under the curve, for each model, class or label.
         title (str): Title of the picture.
-        bold (str, optional): Name of the curve to draw black and thick, such as a mean.
+        bold (str, optional): Name of a curve to draw black and thick, such as a mean.
 
     Shapes:
         - **false positive rates, true positive rates:** :math:`(P,)`
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there is no curve, or its rates differ in length or lie outside of 0 to 1.
+        ValueError: If there are no curves, or if rates differ in length or lie outside of 0 to 1.
 
     Examples:
         >>> figure = plot_roc({"SVM": ([0, 0.5, 1], [0, 1, 1], 0.75)}, "Unseen objects")
@@ -200,11 +199,11 @@ def plot_roc(
         rate = np.asarray(fpr, dtype=float), np.asarray(tpr, dtype=float)
         if rate[0].ndim != 1 or rate[0].shape != rate[1].shape:
             raise ValueError(
-                f"'curves' must hold rates of the same length (got {rate[0].shape} and "
+                f"'curves' must hold rates with the same length (got {rate[0].shape} and "
                 f"{rate[1].shape} for '{name}')"
             )
         if not all(((values >= 0) & (values <= 1)).all() for values in rate):
-            raise ValueError(f"'curves' must hold rates from 0 to 1 (got others for '{name}')")
+            raise ValueError(f"'curves' must hold rates from 0 to 1 (got other rates for '{name}')")
         rates[name] = rate
     labels = [plain_text(f"{name} (AUC {auc:.3f})") for name, (_, _, auc) in curves.items()]
     labels.append("chance (AUC 0.500)")
@@ -239,22 +238,23 @@ def plot_roc(
 def plot_protocols(
     table: Mapping[str, Mapping[str, Mapping[str, _Accuracy]]], chance: float | None = None
 ) -> "Figure":
-    r"""Draws the accuracy of models under several protocols: a line for each model and kind of
-    readings, a panel for each protocol, and the means in percent beside the points.
+    r"""Draws the accuracy of models under several protocols. There is a line for each model and
+    kind of readings, and a panel for each protocol. The means are written in percent beside the
+    points.
 
-    The axis runs from 0.4 to 1.0, and starts lower only if a result is lower. Means are points, not
-    bars, whose lengths would mislead on an axis that does not begin at zero.
+    The axis runs from 0.4 to 1.0, and starts lower only if a result is lower. Means are drawn as
+    points, because the lengths of bars would mislead on an axis that does not start at zero.
 
     Args:
-        table (Mapping): Mean and standard deviation of the accuracy by model, protocol and
-            kind of readings, each of which has a colour. Missing combinations are left out; if the
+        table (Mapping): Mean and standard deviation of the accuracy by model, protocol and kind of
+            readings. Each kind of readings has a colour. Missing combinations are left out. If the
             standard deviation is NaN, the point is hollow and has no error bar.
-        chance (float, optional): Accuracy to mark with a dashed line, such as that of the most
-            frequent class.
+        chance (float, optional): Accuracy to mark with a dashed line, such as the accuracy of the
+            most frequent class.
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If there is no result, or an accuracy lies outside of 0 to 1.
+        ValueError: If there are no results, or if an accuracy lies outside of 0 to 1.
 
     Examples:
         >>> table = {"SVM": {"by object": {"raw": (0.87, 0.02)}}}
@@ -305,7 +305,7 @@ def plot_protocols(
                 kind = kinds.index(readings)
                 _draw_accuracy(ax, mean, lines.index((model, readings)), sd, kind, limits)
         ax.set_xlim(*limits)
-        # Without pruning, the last tick label would touch the first one of the next panel.
+        # Without pruning, the last tick label would touch the first tick label of the next panel.
         ax.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10], prune="both"))
         ax.tick_params(axis="y", length=0, labelcolor=theme.ink)
         open_plot(ax, "x")
@@ -336,7 +336,7 @@ def _draw_accuracy(
         elinewidth=1.1,
         capsize=1.8,
     )
-    # The number stands on the side of the point with more space.
+    # The number is on the side of the point with more space.
     is_left = mean > sum(limits) / 2
     ax.annotate(
         f"{100 * mean:.1f}",

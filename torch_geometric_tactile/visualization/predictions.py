@@ -1,4 +1,4 @@
-r"""Pictures of the predictions of a model over the time of a recording."""
+r"""Pictures of model predictions over the time of a recording."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -27,43 +27,45 @@ def plot_predictions(
     r"""Draws the predictions of a model over the time of a recording: probabilities, lanes of the
     predicted and the true class, annotations, number of taxels in contact, and total pressure.
 
-    The prediction for a window is drawn from the last frame of the window to that of the next one.
-    Lines have gaps where a probability is NaN. If there are more classes than colours, the most
-    frequent predicted and true classes are drawn, and the sum of all other classes in grey. Each
-    label has a lane with a thin bar for the truth; a regression has lines of the predicted numbers
-    and pale lines of the true numbers. If there are more predictions than pixels, lines show the
-    smallest and the largest value of each pixel, and lanes the most frequent class.
+    **Predictions.** The prediction for a window is drawn from the last frame of the window to the
+    last frame of the next window. Lines have gaps where a probability is NaN. If there are more
+    classes than colours, the most frequent predicted and true classes are drawn, and the sum of all
+    other classes is grey. In a multilabel task, each label has a lane with a thin bar for the
+    truth. A regression has lines for the predicted numbers and pale lines for the true numbers. If
+    there are more predictions than pixels, lines show the smallest and the largest value of each
+    pixel, and lanes show the most frequent class.
 
-    The true class is that of the first of these sources that contains only names of classes: the
-    label of the recording, its annotations, a privileged signal, a text in the metadata. Frames
+    **Truth.** The true class comes from the first of these sources that contains only class names:
+    the label of the recording, its annotations, a privileged signal, a text in the metadata. Frames
     outside of all annotations have the class :obj:`"none"` if it exists; otherwise their class is
-    unknown. True labels and numbers are those in :obj:`"labels"` of the metadata, and signals and
+    unknown. True labels and numbers come from :obj:`"labels"` in the metadata, and from signals and
     numbers with the same names. The figure names the source.
 
-    A taxel is in contact if a channel is beyond the threshold of
+    **Contact.** A taxel is in contact if a channel is beyond the threshold of
     :class:`~torch_geometric_tactile.transforms.ContactCrop` for three frames. The threshold is at
-    least 5 if the unit is counts, or if it is unknown and all readings are whole numbers. The first
-    half second counts as rest, or a tenth of a shorter recording, but at least ten frames; a
-    recording with fewer than three further frames has no contact. The total pressure is the
-    sum of the Euclidean norms of all taxels, relative to the rest as in :func:`plot_recording`;
-    missing readings count as rest.
+    least 5 if the unit is counts, or if it is unknown and all readings are whole numbers. Rest is
+    the first half second, or a tenth of a shorter recording, but at least ten frames. A recording
+    with fewer than three further frames has no contact.
+
+    **Total pressure.** The total pressure is the sum of the Euclidean norms of all taxels, relative
+    to the rest as in :func:`plot_recording`. Missing readings count as rest.
 
     Args:
         predictor (Predictor): The predictor. If it measures sessions, adapt it first.
         recording (Recording): The recording.
         probability (torch.Tensor or numpy.ndarray, optional): Output of
             :meth:`~torch_geometric_tactile.predictor.Predictor.recording` for the recording
-            :math:`(R, C)` (default: computed).
+            :math:`(R, C)`. Computed if left out.
         frames (sequence of int, optional): Index of the last frame of each row of
-            :obj:`probability` :math:`(R,)` (default: those of the windows of the predictor, or all
-            frames).
+            :obj:`probability` :math:`(R,)` (default: the last frames of the predictor's windows, or
+            all frames).
         truth (sequence of str or numpy.ndarray, optional): The true class of each frame
-            :math:`(T,)`, an empty text where it is unknown; for labels or a regression numbers
-            :math:`(T, C)`, NaN where they are unknown (default: those in the recording).
+            :math:`(T,)`, or an empty text where it is unknown. For labels or a regression, numbers
+            :math:`(T, C)`, which are NaN where unknown (default: the truth in the recording).
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If the recording has no frame or does not fit the predictor, or the shape or
+        ValueError: If the recording has no frames or does not fit the predictor, or if the shape or
             order of :obj:`probability`, :obj:`frames` or :obj:`truth` is wrong.
 
     Examples:
@@ -88,7 +90,7 @@ def plot_predictions(
     last = np.asarray(frames)
     if rows.dim() != 2 or rows.size(1) == 0 or last.shape != (len(rows),):
         raise ValueError(
-            f"'probability' must have shape (num_answers, num_classes), a row for each of the "
+            f"'probability' must have shape (num_answers, num_classes), with a row for each of the "
             f"{len(last)} 'frames' (got {tuple(rows.shape)})"
         )
     exists = (last >= 0) & (last < recording.num_frames)

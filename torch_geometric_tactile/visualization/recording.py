@@ -40,30 +40,30 @@ if TYPE_CHECKING:
     from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
 
-_QUANTILE = 0.995  # of the absolute readings, end of the colour scale
+_QUANTILE = 0.995  # quantile of the absolute readings at the end of the colour scale
 _MAX_LEGEND_ENTRIES = 24
 
 
 def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     r"""Draws a recording over time: an image of the readings of all taxels for each channel, the
-    sum of the absolute readings, the joint angles, the actions, and the annotations, with a lane
-    for each label.
+    sum of the absolute readings, the joint angles, the actions, and the annotations with a lane for
+    each label.
 
-    Readings are drawn relative to the rest of the taxel, the median of its first readings (for a
-    single frame, relative to the median of all taxels). The colour scale of a channel is symmetric
-    about zero and ends at the 99.5th percentile of the absolute readings; missing readings are
-    grey, and count as rest in the sum. If there are more frames than pixels, each pixel has the
-    reading farthest from rest. A privileged signal :obj:`"phase"` (integers or texts
-    :math:`(T,)`, with optional names in :obj:`"phase_names"` of the metadata) is marked.
+    Readings are drawn relative to the rest of the taxel, which is the median of its first readings.
+    A single frame is drawn relative to the median of all taxels. The colour scale of a channel is
+    symmetric about zero and ends at the 99.5th percentile of the absolute readings. Missing
+    readings are grey, and count as rest in the sum. If there are more frames than pixels, each
+    pixel shows the reading farthest from rest. A privileged signal :obj:`"phase"` (integers or
+    texts :math:`(T,)`, with optional names in :obj:`"phase_names"` of the metadata) is marked.
 
     Args:
         recording (Recording): The recording.
-        rest (float): Time at the start that counts as rest, in seconds; at most a tenth of the
+        rest (float): Time at the start that counts as rest, in seconds. At most a tenth of the
             recording is used.
 
     Raises:
         ImportError: If matplotlib is missing.
-        ValueError: If the recording has no frame, or :obj:`rest` is negative.
+        ValueError: If the recording has no frames, or :obj:`rest` is negative.
 
     Examples:
         >>> recording = Recording(np.arange(40) / 10, np.zeros((40, 24, 1)), label="mug")
@@ -73,7 +73,7 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     """
     if recording.num_frames == 0:
         raise ValueError("'recording' must hold at least one frame to be drawn (got none)")
-    need(rest >= 0, "'rest' must be 0 s or more", rest)
+    need(rest >= 0, "'rest' must be at least 0 seconds", rest)
     time = recording.time - recording.time[0]
     is_single_frame = recording.num_frames == 1
     if is_single_frame:
@@ -119,7 +119,7 @@ def plot_recording(recording: Recording, rest: float = 0.5) -> "Figure":
     panels = iter(axes[recording.num_channels + 1 :])
     for kind, values, label, step in (
         ("joint", recording.joint, "joint angle\n(rad)", "default"),
-        # A command is in force until the next one.
+        # A command is in force until the next command.
         ("action", recording.action, "action", "steps-post"),
     ):
         if values is None:
@@ -207,7 +207,7 @@ def _to_columns(time: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _line_style(i: int, num_lines: int, is_single_frame: bool) -> dict[str, str]:
-    marker = "o" if is_single_frame else ""  # a line of one point would be invisible
+    marker = "o" if is_single_frame else ""  # a line with one point would be invisible
     num_colors = len(current_theme().palette)
     if num_lines > num_colors * len(DASHES):
         return {"color": series_color(0), "marker": marker}

@@ -221,7 +221,7 @@ def test_segmented_bad_segment(segment, match):
 @pytest.mark.parametrize("size", [(3,), (12, 3), (2, 22, 3), (2, 10, 3), (1, 2, 11, 3)])
 def test_segmented_bad_taxels(size):
     for layer in (conv(), thread()):
-        with pytest.raises(ValueError, match=r"'x' must have 11 taxels, as 'segment', and 3 feat"):
+        with pytest.raises(ValueError, match=r"'x' must have 11 taxels, like 'segment', and 3 f"):
             layer(torch.zeros(size), EDGE_INDEX)
 
 

@@ -214,7 +214,7 @@ def test_grasp_gcn_bad_number_of_nodes():
 
 def test_grasp_gcn_weights_are_no_edge_features():
     weight = torch.ones(EDGE_INDEX.size(1))
-    with pytest.raises(ValueError, match=r"pass weights of edges as 'edge_weight' \(got shape \("):
+    with pytest.raises(ValueError, match=r"pass edge weights as 'edge_weight' \(got shape \("):
         GraspGCN()(readings(5, 24, 3), EDGE_INDEX, weight)
 
 

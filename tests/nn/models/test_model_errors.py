@@ -66,7 +66,7 @@ def test_model_wrong_samples(name):
     model = small_model(name)
     given = inputs(model, 3)
     for key in model.modalities:
-        text = "must have shape" if key == "joint" else "must be of 3 samples of 11 taxels"
+        text = "must have shape" if key == "joint" else "must have 3 samples of 11 taxels"
         for other in (given[key][:2], given[key][[0, 1, 2, 2]]):
             with pytest.raises(ValueError, match=rf"'{key}' {text}.*got.*\({len(other)},"):
                 model(**{**given, key: other})
@@ -97,7 +97,7 @@ def test_model_wrong_positions(name):
     given = inputs(model, 3)
     for key in {"absolute", "pos"} & given.keys():
         for wrong in (given[key][:, :10], given[key][0, :10], given[key].transpose(0, 1)):
-            with pytest.raises(ValueError, match=rf"'{key}' must be of 3 samples of 11 taxels"):
+            with pytest.raises(ValueError, match=rf"'{key}' must have 3 samples of 11 taxels"):
                 model(**{**given, key: wrong})
 
 
@@ -131,11 +131,11 @@ def test_model_wrong_edges(name):
         ),
         (
             lambda: MTGCN(threads={"absolute": {}}),
-            r"'threads' must be settings of the inputs \('tactile', 'edge'\) \(got 'absolute'\)",
+            r"'threads' must only have the inputs \('tactile', 'edge'\) \(got 'absolute'\)",
         ),
         (
             lambda: MTCNN(threads={"edge": {}}),
-            r"'threads' must be settings of the inputs \('tactile', 'absolute'\) \(got 'edge'\)",
+            r"'threads' must only have the inputs \('tactile', 'absolute'\) \(got 'edge'\)",
         ),
         (
             lambda: MTGCN(threads={"tactile": {"width": 3}}),

@@ -241,12 +241,12 @@ def test_posed_taxel_net_bad_input():
         ({"x": data["x"][..., :2]}, r"'x' must have 3 channels \(got shape \(5, 20, 2\)\)"),
         ({"x": data["x"][:, :19]}, r"'x' must have 20 taxels in each sample \(got shape"),
         ({"pos": None}, r"'pos' must be given if 'posed' is True .*: add TaxelPose\(\)"),
-        ({"normal": data["normal"][:4]}, r"'normal' must be of 5 samples of 20 taxels.*\(4, 20, 3"),
+        ({"normal": data["normal"][:4]}, r"'normal' must have 5 samples of 20 taxels.*\(4, 20, 3"),
         (
             {"pos": data["pos"][..., :2]},
-            r"'pos' must be of 5 samples .*shape \(3,\) for each taxel",
+            r"'pos' must have 5 samples .*shape \(3,\) for each taxel",
         ),
-        ({"tangent": data["normal"]}, r"'tangent' must be of 5 samples .*shape \(2, 3\) for each"),
+        ({"tangent": data["normal"]}, r"'tangent' must have 5 samples .*shape \(2, 3\) for each"),
     ]
     for arguments, match in bad:
         with pytest.raises(ValueError, match=match):

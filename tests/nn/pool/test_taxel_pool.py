@@ -75,5 +75,5 @@ def test_taxel_pool_bad_input():
         TaxelPool("biotac_sp", "finger")
     pool = TaxelPool("biotac_sp", "patch")
     for size in ((23, 1), (2, 48, 1), (24,), (1, 2, 24, 1)):
-        with pytest.raises(ValueError, match=r"'x' must have 24 taxels, as the layout \(got shape"):
+        with pytest.raises(ValueError, match=r"'x' must have 24 taxels, like the layout \(got"):
             pool(torch.zeros(size))

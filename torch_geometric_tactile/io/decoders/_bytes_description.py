@@ -22,9 +22,8 @@ class BytesDescription(NamedTuple):
 
     Args:
         text (str): The first bytes and what they look like.
-        protocol (str): The protocol and settings that read them, or an empty text if unknown.
-        first_grows (bool): Whether the first number of each line is larger than that of the line
-            before, as a time is.
+        protocol (str): The protocol and settings that read them; empty if unknown.
+        first_grows (bool): Whether the first number increases from line to line, as a time does.
 
     Examples:
         >>> description = describe_bytes(b"17,4\r\n512,17,4\r\n512,18,4\r\n513,18,4\r\n")
@@ -54,7 +53,7 @@ def _kind(data: bytes) -> tuple[str, str, bool]:
     block = _block_shape(data)
     if block is not None:
         num_rows, num_columns, max_value = block
-        kind = f"blocks of {num_rows} lines of {num_columns} numbers, with an empty line between"
+        kind = f"blocks of {num_rows} lines of {num_columns} numbers, separated by empty lines"
         shape = f"text&shape={num_rows}x{num_columns}"
         return kind, shape if max_value <= _MAX_TEXT_COUNT else "", False
     decoder = LinesDecoder()
@@ -64,7 +63,7 @@ def _kind(data: bytes) -> tuple[str, str, bool]:
         grows = all(a < b for a, b in pairwise(first)) and len(first) >= _MIN_GROWING_LINES
         return f"lines of {decoder.num_taxels} numbers", "lines", grows
     if _TEXT.fullmatch(data):
-        return "text, but no lines of equally many numbers", "", False
+        return "text, but not lines with the same number of values", "", False
     repeat = _regular_pair(data[:_NUM_SEARCHED_BYTES])
     if repeat is None:
         return "binary, without a pair of bytes at regular distances", "", False
@@ -74,7 +73,7 @@ def _kind(data: bytes) -> tuple[str, str, bool]:
 
 def _block_shape(data: bytes) -> tuple[int, int, float] | None:
     r"""Returns the rows and columns of blocks of lines, and the largest number."""
-    blocks = _EMPTY_LINES.split(data)[1:-1]  # the first and the last one may be cut
+    blocks = _EMPTY_LINES.split(data)[1:-1]  # the first and last blocks may be cut
     shapes, max_value = set(), 0.0
     for block in blocks:
         rows = [parse_line(line) for line in block.split(b"\n")]

@@ -15,8 +15,8 @@ _MAX_GAP = 2**20  # numbers: 19 minutes at 900 frames per second
 class HeaderDecoder(Decoder):
     r"""Base class of decoders of packets that begin with a header of fixed bytes.
 
-    If a packet fails its check, the next header is searched within it, so that an intact packet is
-    found after any damage.
+    If a packet fails its check, the next header is searched for inside the packet, so that an
+    intact packet is found after any damage.
 
     Attributes:
         header (bytes): The first bytes of each packet.
@@ -92,8 +92,8 @@ class HeaderDecoder(Decoder):
 class SequenceNumbers:
     r"""Unwraps the 32-bit frame numbers of a device, and counts missing numbers.
 
-    A step back, or a large step to a number near zero, means that the device has restarted. Then
-    the unwrapped numbers continue, and no loss is counted, since it is unknown.
+    A step back, or a large step to a number near zero, means that the device has restarted. The
+    unwrapped numbers then continue, and no loss is counted, since it is unknown.
 
     Examples:
         >>> numbers = SequenceNumbers()

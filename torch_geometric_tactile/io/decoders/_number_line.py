@@ -7,8 +7,8 @@ _VALID_BYTES = b"0123456789+-.eE \t,;nafiNAFI"
 
 
 def parse_line(line: bytes) -> list[float] | None:
-    r"""Returns the numbers of a line of text, or :obj:`None` if it has anything but numbers, their
-    labels and one kind of separators.
+    r"""Returns the numbers in a line of text, or :obj:`None` if the line contains anything except
+    numbers, their labels and one kind of separator.
 
     Examples:
         >>> parse_line(b"a:12, b:1.5e3,\r"), parse_line(b"1\t2"), parse_line(b"1,2 3")

@@ -8,7 +8,7 @@ from torch_geometric_tactile.data.live_frame import LiveFrame
 from torch_geometric_tactile.io.decoders.decoder import Decoder
 
 _TERMINATOR = b"\r\n"
-_MAX_DAMAGED_FRAMES = 4  # consecutive ones, before the alignment of frames is given up
+_MAX_DAMAGED_FRAMES = 4  # consecutive damaged frames, after which the alignment is given up
 # The range of an MLX90393 at any gain: 16 bits of 1/45.2 °C around 25 °C, or of up to 12.6 µT.
 # Compared as integers: they have the order of the absolute floats, with infinity and NaN last.
 _MAX_SIZES = np.array([1000.0, 5e5, 5e5, 5e5], dtype=np.float32).view(np.uint32)
@@ -21,15 +21,15 @@ _SIZE_BITS = np.uint32(0x7FFFFFFF)
 class AnySkinDecoder(Decoder):
     r"""Decoder of `ReSkin and AnySkin <https://any-skin.github.io>`_ boards.
 
-    A frame is :obj:`t, x, y, z` of each magnetometer as little-endian float32, then CR LF. There is
-    no header and no checksum, and CR LF also occurs within floats. A frame is accepted if it ends
-    with CR LF, all its numbers are in the range of the chip, and it begins at the end of the
+    A frame holds :obj:`t, x, y, z` of each magnetometer as little-endian float32, then CR LF. There
+    is no header and no checksum, and CR LF also occurs within floats. A frame is accepted if it
+    ends with CR LF, all its numbers are in the range of the chip, and it begins at the end of the
     previous frame, a multiple of the frame length later, or after a CR LF. It is returned without
     delay. Other bytes are skipped, and the number of lost frames is estimated from them.
 
     Most of the remaining damage cannot be detected: with 1 % of all *bytes* replaced at random
     (which damages 56 % of the packets), every intact packet is returned, and about 7 in 10 damaged
-    ones give wrong readings (measured in ``tests/io/test_anyskin.py``). On a cable that damages
+    packets give wrong readings (measured in ``tests/io/test_anyskin.py``). On a cable that damages
     bytes, use packets with a checksum (:class:`CobsDecoder`).
 
     Readings are :math:`(M, 3)` in microtesla. :obj:`extra` has the temperatures in degrees Celsius

@@ -18,7 +18,7 @@ class DecoderCounts:
         corrupt (int): Packets that failed their check.
         skipped (int): Bytes that belong to no frame.
         lost (int): Missing frames, from the numbers or times of the other frames.
-        reason (str): The first reason why bytes were skipped, or an empty text.
+        reason (str): The first reason why bytes were skipped; empty if there is none.
 
     Examples:
         >>> from torch_geometric_tactile.io import decoder_of
@@ -99,7 +99,9 @@ class Decoder(ABC):
 
     @abstractmethod
     def reset(self) -> None:
-        r"""Discards an incomplete frame, such as after the port was reopened. The counts stay."""
+        r"""Discards an incomplete frame, for example after the port was reopened. The counts are
+        kept.
+        """
 
     @property
     def layout(self) -> str | None:

@@ -18,11 +18,11 @@ class FlexiTacDecoder(HeaderDecoder):
     March 2026, as flashed and read by the package :obj:`flexitac` 0.3.1.
 
     A frame is AA 55, then one byte for each taxel, row by row. There is no checksum, and readings
-    may contain AA 55, so headers are recognized by their distance. A frame is returned at once if
+    may contain AA 55, so headers are recognised by their distance. A frame is returned at once if
     it begins at the end of the previous frame and contains no header, and otherwise when another
-    header follows it. Frames with missing bytes are detected, damaged readings are not. The number
-    of lost frames is estimated from the skipped bytes. Two neighbouring taxels that read 170 and 85
-    in every frame after the port was opened may be mistaken for the header until one of them
+    header follows it. Frames with missing bytes are detected, but damaged readings are not. The
+    number of lost frames is estimated from the skipped bytes. Two neighbouring taxels that read 170
+    and 85 in every frame after the port was opened may be mistaken for the header until one of them
     changes.
 
     Readings are counts :math:`(R \cdot C, 1)`, row by row.

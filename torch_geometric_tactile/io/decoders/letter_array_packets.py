@@ -1,4 +1,4 @@
-r"""Packets of a 32 x 32 pressure array, such as the one of the letters."""
+r"""Packets of a 32 x 32 pressure array, such as the array of the letter data set."""
 
 import struct
 import zlib
@@ -48,7 +48,7 @@ def encode_letter_array(sequence: int, counts: np.ndarray) -> bytes:
 
 
 class LetterArrayDecoder(HeaderDecoder):
-    r"""Decoder of packets of a 32 x 32 pressure array, such as the one of the letters.
+    r"""Decoder of packets of a 32 x 32 pressure array, such as the array of the letter data set.
 
     No packet format is published for this array, so this package defines one: A5 5A 4C 41, the
     number of the frame as little-endian uint32, 1024 little-endian uint16 row by row, and the CRC32

@@ -1,4 +1,4 @@
-r"""Decoder of lines of numbers as text, as sent by most self-made sensors."""
+r"""Decoder of lines of numbers as text, as most self-made sensors send them."""
 
 from typing import ClassVar
 
@@ -19,28 +19,28 @@ _TIME_UNITS: dict[str, tuple[float, float | None]] = {
 _MAX_LINE_BYTES = 2**16
 _MAX_VALUES = 2**15  # of two characters each in a line
 _MAX_TIME = 2**53  # largest integer that is exact in float64
-_NUM_FIRST_LINES = 3  # lines in a row that must agree before their number of values is taken
+_NUM_FIRST_LINES = 3  # consecutive lines that must agree before their number of values is used
 _TOO_LONG = f"a line must end within {_MAX_LINE_BYTES} bytes"
 
 
 class LinesDecoder(Decoder):
-    r"""Decoder of lines of numbers, one line a frame, as printed by :obj:`Serial.println`.
+    r"""Decoder of lines of numbers, with one line per frame, as printed by :obj:`Serial.println`.
 
-    The numbers are integers or floats, separated by commas, semicolons, or blanks and tabs; a line
+    The numbers are integers or floats, separated by commas, semicolons, or blanks and tabs. A line
     ends with LF or CR LF. Labels before the numbers, as in :obj:`a:12,b:13`, are ignored. A line
-    with another number of values or with other text is skipped. There is no checksum: a damaged or
-    missing digit gives another number. The first line after the port was opened is left out, since
-    the beginning of its first number may be missing.
+    with a different number of values or with other text is skipped. There is no checksum, so a
+    damaged or missing digit gives a wrong number. The first line after the port was opened is left
+    out, since the beginning of its first number may be missing.
 
     Readings are counts :math:`(N, C)`, all channels of taxel 0, then of taxel 1. Numbers that are
     infinite or too large for float32 become NaN.
 
     Args:
-        time (str): Unit of the time that is the first number of each line: :obj:`"s"`, :obj:`"ms"`
-            or :obj:`"us"`; :obj:`"none"` if the lines have no time. Milliseconds and microseconds
-            may wrap after 32 bits.
-        num_taxels (int): Number of taxels :math:`N`; 0 if the first three lines in a row with
-            equally many values decide.
+        time (str): Unit of the time, which is the first number of each line: :obj:`"s"`,
+            :obj:`"ms"` or :obj:`"us"`; :obj:`"none"` if the lines have no time. Milliseconds and
+            microseconds may wrap after 32 bits.
+        num_taxels (int): Number of taxels :math:`N`. With 0, the first three consecutive lines with
+            the same number of values determine it.
         num_channels (int): Number of channels :math:`C`.
 
     Raises:
@@ -94,7 +94,7 @@ class LinesDecoder(Decoder):
         return frames
 
     def reset(self) -> None:
-        r"""Discards an incomplete line. The number of values in a line stays."""
+        r"""Discards an incomplete line. The number of values in a line is kept."""
         self.counts.skipped += len(self._buffer)
         self._skip_first_lines()
         self._buffer, self._has_start = b"", False
@@ -133,7 +133,7 @@ class LinesDecoder(Decoder):
         return [self._values_to_frame(values, arrival) for values, _, arrival in first_lines]
 
     def _why_no_frame(self, values: list[float]) -> str:
-        r"""Returns the reason why the numbers of a line are no frame, or an empty text."""
+        r"""Returns the reason why the numbers of a line are not a frame, or an empty string."""
         if self._num_times and not abs(values[0]) <= _MAX_TIME:
             return f"the time of a line must be a number of up to 2^53 (got {values[0]})"
         if self.num_taxels:
@@ -159,7 +159,7 @@ class LinesDecoder(Decoder):
         self._skip_first_lines()
         self.counts.skipped += size
         self.counts.refuse(reason)
-        if self.counts.good:  # before the first frame, lines are texts of the start
+        if self.counts.good:  # before the first frame, lines are startup messages
             self.counts.corrupt += 1
             self._missing += 1
 

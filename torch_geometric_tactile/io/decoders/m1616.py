@@ -15,9 +15,9 @@ class M1616Decoder(HeaderDecoder):
     r"""Decoder of the 16 x 16 piezoresistive array M1616.
 
     A packet is AA AB AC, 256 big-endian uint16 row by row, and 4 bytes of unpublished meaning,
-    which are ignored. There is no checksum: a packet with missing bytes is detected, since it
+    which are ignored. There is no checksum. A packet with missing bytes is detected, since it
     contains the next header, but damaged readings are not. The number of lost frames is estimated
-    from the skipped bytes. A reading of AAAB or more, which a converter of 12 bits never gives, may
+    from the skipped bytes. A reading of AAAB or more, which a 12-bit converter never gives, may
     look like a header, and its packet is lost.
 
     Readings are counts :math:`(256, 1)`.
@@ -35,7 +35,7 @@ class M1616Decoder(HeaderDecoder):
     header: ClassVar[bytes] = b"\xaa\xab\xac"
 
     def _size(self, buffer: bytes, start: int) -> int:
-        # A header within the packet or across its end is that of the next one: bytes are missing.
+        # A header within the packet or across its end begins the next packet: bytes are missing.
         inner_header = buffer.find(self.header, start + 1, start + _PACKET_BYTES + 2)
         if inner_header >= 0:
             return inner_header - start

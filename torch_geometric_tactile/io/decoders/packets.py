@@ -89,8 +89,8 @@ class CobsDecoder(Decoder):
 
     ``docs/serial_formats.md`` describes the bytes, with a sender in C. A damaged packet is accepted
     only with the probability of its CRC32 (:math:`2^{-32}`), and never affects an intact neighbour.
-    A gap in the 32-bit numbers is counted as lost frames, also across the wrap. A step back, or a
-    large step to a number near zero, means that the device has restarted: the numbers of the frames
+    A gap in the 32-bit numbers is counted as lost frames, even across the wrap. A step back, or a
+    large step to a number near zero, means that the device has restarted. The frame numbers then
     continue, and no loss is counted, since it is unknown. Infinite readings become NaN.
 
     Args:

@@ -37,7 +37,7 @@ def decoder_of(protocol: str, **settings: Any) -> Decoder:
 
     Args:
         protocol (str): A name of :obj:`PROTOCOLS`.
-        **settings (optional): Arguments of the decoder, or their texts as in a URL, such as
+        **settings (optional): Arguments of the decoder. Strings are parsed as in a URL, such as
             :obj:`"12x32"` for a shape.
 
     Raises:
@@ -54,8 +54,8 @@ def decoder_of(protocol: str, **settings: Any) -> Decoder:
     for name in settings:
         if name not in parameters:
             raise ValueError(
-                f"protocol '{protocol}' must have settings among {', '.join(parameters) or 'none'}"
-                f", or 'baudrate' of a port (got '{name}')"
+                f"a setting of protocol '{protocol}' must be one of "
+                f"{', '.join(parameters) or 'none'}, or 'baudrate' of the port (got '{name}')"
             )
     return decoder_class(
         **{name: _parse_setting(name, value, parameters[name]) for name, value in settings.items()}

@@ -41,7 +41,7 @@ class RobotiqDecoder(HeaderDecoder):
     - Type 10 is the static grid, 28 values row by row (7 rows of 4 in the newer drivers), 20 is
       dynamic pressure, 30 acceleration, 40 rate of rotation, 50 the magnetic field (in older
       drivers only), 60 temperature, and 70 the time in milliseconds. The time has 64 bits in newer
-      firmware, and 16 in older firmware, which are ignored.
+      firmware. The 16 bits of older firmware are ignored.
     - A frame begins with finger 0, and is complete when both fingers have sent their grid. A
       missing grid is NaN. Packets have no number, so lost frames are not counted.
 
@@ -50,7 +50,7 @@ class RobotiqDecoder(HeaderDecoder):
     :math:`(F, 3)` and :obj:`"temp"` :math:`(F,)` as raw counts, or NaN before the first value.
 
     Args:
-        num_fingers (int): Number of fingers :math:`F` that send, 1 or 2.
+        num_fingers (int): Number of fingers :math:`F` that send readings, 1 or 2.
         period (float): Requested period in seconds, a multiple of a millisecond up to 0.255.
 
     Raises:

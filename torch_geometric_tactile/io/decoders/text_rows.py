@@ -22,9 +22,9 @@ class TextRowsDecoder(Decoder):
     r"""Decoder of `3D-ViTac <https://binghao-huang.github.io/3D-ViTac/>`_ boards.
 
     A frame consists of rows of numbers from 0 to 255 in ASCII, separated by blanks. Each row ends
-    with CR LF, and an empty row ends the frame. A frame with another number of rows or columns, or
-    with other characters, is corrupt. There is no checksum: a damaged or missing digit gives
-    another number. The first frame after the port was opened is left out, since the beginning of
+    with CR LF, and an empty row ends the frame. A frame with a different number of rows or columns,
+    or with other characters, is corrupt. There is no checksum, so a damaged or missing digit gives
+    a wrong number. The first frame after the port was opened is left out, since the beginning of
     its first number may be missing.
 
     Readings are counts :math:`(R \cdot C, 1)`, row by row.
@@ -80,7 +80,7 @@ class TextRowsDecoder(Decoder):
         lines = self._buffer.split(b"\n")[:-1]
         if self.shape[0] > 1 and any(len(parse_line(line) or ()) == num_taxels for line in lines):
             _log.warning(
-                "a line has all %d numbers of a frame: use protocol=lines in place of text",
+                "a line has all %d numbers of a frame: use protocol=lines instead of text",
                 num_taxels,
             )
 

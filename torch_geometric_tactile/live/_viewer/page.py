@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _MAX_RATE = 30.0  # frames per second
 _POLL_SECONDS = 1 / 120
-_QUIET_SECONDS = 0.25  # without a frame for so long, the state is sent alone
+_QUIET_SECONDS = 0.25  # if no frame arrives for this time, the state is sent alone
 _STATE_SECONDS = 0.2  # time between two messages with the state of the stream
 _SLEEP_MARGIN = 0.004  # a sleep may end late by this time
 _HEADERS = {
@@ -39,8 +39,8 @@ _HEADERS = {
 
 
 class FirstSecond(Rest):
-    r"""Mean of the first second of a stream, also if the sensor is touched: it is only used for
-    display. Starts again if the shape of frames changes.
+    r"""The mean of the first second of a stream, for display only. It is computed even if the
+    sensor is touched, and starts again if the shape of the frames changes.
     """
 
     def __init__(self) -> None:
@@ -56,7 +56,7 @@ class FirstSecond(Rest):
 
 class ViewerClient:
     r"""Sends the newest frame to one page, and the next frame only after the page has shown it. No
-    frames queue up, so that a slow page shows recent frames too.
+    frames queue up, so a slow page still shows recent frames.
 
     Args:
         socket (websockets.asyncio.server.ServerConnection): The connection to the page.

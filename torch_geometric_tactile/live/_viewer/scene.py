@@ -31,8 +31,8 @@ class Scene:
           :math:`(N, 3, 3)`
         - **size:** distance to the nearest taxel of the patch :math:`(N,)`
         - **link:** index of the link :math:`(N,)`
-        - **pose:** poses of the links without joint angles, as rows of the rotation and the
-          translation :math:`(L, 12)`
+        - **pose:** poses of the links while frames have no joint angles, as rows of the rotation
+          and the translation :math:`(L, 12)`
     """
 
     name: str
@@ -88,8 +88,8 @@ class Scene:
 
 
 class Scenes:
-    r"""The scene of a stream for any number of pages. It shows the given layout, or the layout that
-    the source names, or else a grid by number.
+    r"""The scene of a stream for any number of pages. It shows :obj:`layout`, else the layout that
+    the source names, else a grid of taxel numbers.
 
     Args:
         stream (Stream): The stream.
@@ -150,7 +150,7 @@ class Scenes:
         if self._layout.num_taxels == num_taxels:
             return self._layout_scene
         self._note(
-            f"Layout {self._layout.name} has {self._layout.num_taxels} taxels, and frames have "
+            f"Layout {self._layout.name} has {self._layout.num_taxels} taxels, but frames have "
             f"{num_taxels}: shown by number"
         )
         return number_scene(num_taxels)
@@ -169,8 +169,8 @@ class Scenes:
             self._note(f"Layout {name} needs PyTorch: shown by number")
 
     def pose(self, scene: Scene, joint: np.ndarray | None) -> np.ndarray:
-        r"""Returns the poses of the links. The same array is returned while the joints do not move,
-        so that it need not be sent again.
+        r"""Returns the poses of the links. Returns the same array while the joints do not move, so
+        that it need not be sent again.
         """
         last_pose = self._last_pose
         if (
@@ -186,7 +186,7 @@ class Scenes:
 
 
 def number_scene(num_taxels: int) -> Scene:
-    r"""Returns a grid of :obj:`num_taxels` taxels by number, row by row from the top left."""
+    r"""Returns a grid of :obj:`num_taxels` taxels, numbered row by row from the top left."""
     columns = math.ceil(math.sqrt(num_taxels))
     row, column = np.divmod(np.arange(num_taxels), columns)
     pos = np.stack([column, -row, np.zeros(num_taxels)], axis=1).astype(np.float32)
@@ -206,8 +206,8 @@ def layout_scene(
     kinematics: "HandKinematics | None" = None,
     joint: np.ndarray | None = None,
 ) -> Scene:
-    r"""Returns the scene of a layout: on the hand that carries its links, or else all pads side by
-    side.
+    r"""Returns the scene of a layout: on the hand that carries its links, or else with all pads
+    side by side.
     """
     from torch_geometric_tactile._texts import read_json
     from torch_geometric_tactile.sensors import HandKinematics, stock_path

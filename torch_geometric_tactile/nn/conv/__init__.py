@@ -1,4 +1,4 @@
-r"""MessagePassing layers, and the encoders of edge features."""
+r"""Message passing layers and encoders of edge features."""
 
 from torch_geometric_tactile.nn.conv.causal_temporal_conv import CausalTemporalConv
 from torch_geometric_tactile.nn.conv.edge_feature_encoder import EdgeFeatureEncoder

@@ -11,24 +11,25 @@ from torch_geometric_tactile.nn.conv._edge_checks import check_edge_index
 from torch_geometric_tactile.nn.conv._static_adjacency import csr_matrix
 
 # A softmax over neighbours pads all nodes to the largest degree. If the padded size exceeds this
-# multiple of the number of edges, as with a hub that is a neighbour of all nodes, the padding costs
-# more than messages do.
+# multiple of the number of edges (for example, if one hub is a neighbour of all nodes), the padding
+# costs more than messages.
 _MAX_PADDING_RATIO = 4
-# Attention coefficients in one product. Larger batches are split, which limits the memory of the
-# cached indices.
+# Maximum number of attention coefficients in one product. Larger batches are split, which limits
+# the memory of the cached indices.
 _MAX_COEFFICIENTS = 2**20
-# Cached batch sizes per topology. Training, its last batch and validation have different ones.
+# Cached batch sizes per topology. Training, its last batch and validation have different batch
+# sizes.
 _MAX_PATTERNS = 8
 
 
 class AttentionPattern(NamedTuple):
     r"""Indices of a sparse matrix of attention coefficients for all samples and heads of a batch.
 
-    The :math:`R = B \cdot N \cdot H` rows are targets and the columns are sources. Each is a node
-    of one sample and head, in the order of contiguous features :math:`(B, N, H, C)`. The
-    coefficients are indexed in three orders: by row, as in CSR matrices; by column, for the
-    transposed product; and in slots :math:`(K, R)`, where slot :math:`(k, r)` is the :math:`k`-th
-    neighbour of row :math:`r` and :math:`K` is the largest degree.
+    The :math:`R = B \cdot N \cdot H` rows are targets and the columns are sources. Each row and
+    column is a node of one sample and head, in the order of contiguous features
+    :math:`(B, N, H, C)`. The coefficients are indexed in three orders: by row, as in CSR matrices;
+    by column, for the transposed product; and in slots :math:`(K, R)`, where slot :math:`(k, r)` is
+    the :math:`k`-th neighbour of row :math:`r` and :math:`K` is the largest degree.
     """
 
     num_slots: int  # K
@@ -79,12 +80,12 @@ class AttentionEdges:
 
     @property
     def num_edges(self) -> int:
-        r"""Number of edges, self-loops included."""
+        r"""Number of edges, including self-loops."""
         return self.source.numel()
 
     @property
     def has_little_padding(self) -> bool:
-        r"""Whether there are edges, and the degrees are so similar that padding costs little."""
+        r"""Whether there are edges and the degrees are similar enough that padding costs little."""
         return 0 < self.max_degree * self.num_nodes <= _MAX_PADDING_RATIO * self.num_edges
 
     def max_samples(self, heads: int) -> int:
@@ -96,7 +97,7 @@ class AttentionEdges:
         return max(1, _MAX_COEFFICIENTS // (self.max_degree * self.num_nodes * heads))
 
     def pattern(self, num_samples: int, heads: int, dtype: torch.dtype) -> AttentionPattern:
-        r"""Returns the cached indices for batches of one size.
+        r"""Returns the indices for batches of one size, and caches them.
 
         Args:
             num_samples (int): Number of samples :math:`B`.
@@ -106,16 +107,17 @@ class AttentionEdges:
         key = (num_samples, heads, dtype)
         pattern = self._patterns.get(key)
         if pattern is None:
-            # Inference tensors, as from a validation before training, cannot be used in training.
+            # Inference tensors, for example from a validation before training, cannot be used in
+            # training.
             with torch.inference_mode(False):
                 pattern = self._compute_pattern(num_samples, heads, dtype)
             if len(self._patterns) >= _MAX_PATTERNS:
-                self._patterns = {}  # not cleared in place: another thread may be reading it
+                self._patterns = {}  # replaced, not cleared: another thread may be reading it
             self._patterns[key] = pattern
         return pattern
 
     def block(self, num_samples: int) -> EdgeBlock:
-        r"""Returns the cached edges of several samples as one disjoint graph.
+        r"""Returns the edges of several samples as one disjoint graph, and caches them.
 
         Args:
             num_samples (int): Number of samples :math:`b`.
@@ -157,8 +159,8 @@ class AttentionEdges:
         row_starts = _starts(rows, num_rows)
         coefficients = torch.arange(rows.numel())
         slots = (coefficients - row_starts[rows]) * num_rows + rows
-        # An empty slot refers to the first neighbour of its row, since a missing reading there
-        # makes the row NaN anyway. The slots of rows without neighbours are never read.
+        # An empty slot refers to the first neighbour of its row, since a missing reading of this
+        # neighbour makes the row NaN anyway. The slots of rows without neighbours are never read.
         first_coefficients = row_starts[:-1].clamp(max=rows.numel() - 1)
         slot_coefficients = first_coefficients.repeat(self.max_degree)
         slot_coefficients[slots] = coefficients
@@ -186,17 +188,18 @@ class AttentionEdges:
 
 
 class AttentionCache(EdgeCache[AttentionEdges]):
-    r"""A cache of the sorted edges of the last topology."""
+    r"""A cache that holds the sorted edges of the last topology."""
 
     def get(
         self, edge_index: Tensor, num_nodes: int, self_loops: bool, flow: str
     ) -> Optional[AttentionEdges]:
-        r"""Returns the edges of a topology, or :obj:`None` if they may not be cached.
+        r"""Returns the sorted edges of a topology, or :obj:`None` if they may not be cached.
 
         Args:
             edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
             num_nodes (int): Number of nodes :math:`N`.
-            self_loops (bool): Whether to replace all self-loops by one for each node, as PyG does.
+            self_loops (bool): Whether to replace all self-loops by exactly one for each node, as
+                PyG does.
             flow (str): Direction of messages, as in
                 :class:`torch_geometric.nn.MessagePassing`.
         """

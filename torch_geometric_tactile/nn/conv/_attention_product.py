@@ -1,4 +1,4 @@
-r"""Attention over the neighbours of one topology as products with sparse matrices."""
+r"""Attention over the neighbours in one topology, computed with sparse matrix products."""
 
 from collections.abc import Callable, Sequence
 from typing import Optional
@@ -15,13 +15,13 @@ from torch_geometric_tactile.nn.conv._attention_edges import AttentionEdges, Att
 class Attention:
     r"""Attention coefficients of a batch, and their products with features.
 
-    The softmax runs over the first dimension, which is as fast as a sum; over a short last
-    dimension it takes twenty times as long. Products use
-    :func:`~torch.nn.functional.embedding_bag`, PyTorch's fastest weighted sum of rows on a
-    processor, which writes no messages to memory.
+    The softmax is taken over the first dimension, which is as fast as a sum. Over a short last
+    dimension, it would take twenty times as long. Products use
+    :func:`~torch.nn.functional.embedding_bag`, which is PyTorch's fastest weighted sum of rows on a
+    CPU and writes no messages to memory.
 
     Args:
-        logits (torch.Tensor): Logits of the slots :math:`(K, R)`. They are overwritten.
+        logits (torch.Tensor): Logits of the slots :math:`(K, R)`. This tensor is overwritten.
         pattern (AttentionPattern): Indices of the coefficients.
         dropout (float): Probability of dropping a coefficient.
     """
@@ -81,7 +81,7 @@ def slot_gradient(
 
 
 def sum_edges(edge_rows: Tensor, edges: Tensor, starts: Tensor) -> Tensor:
-    r"""Returns the sum of the features of each node's edges :math:`(N, F)`.
+    r"""Returns the sum of the edge features at each node :math:`(N, F)`.
 
     Shapes:
         - **edge_rows:** Features of the edges :math:`(|\mathcal{E}|, F)`.
@@ -105,8 +105,8 @@ def _sum_rows(rows: Tensor, indices: Tensor, starts: Tensor, weights: OptTensor 
 def attend_by_messages(
     logits: Tensor, features: Tensor, edges: AttentionEdges, factors: OptTensor
 ) -> Tensor:
-    r"""Returns the weighted sums :math:`(B, N, H, C)` by messages along edges, with ordinary
-    operations that have derivatives of any order.
+    r"""Returns the weighted sums :math:`(B, N, H, C)`, computed with messages along edges. The
+    operations have derivatives of any order.
 
     Shapes:
         - **logits:** Logits of the edges :math:`(B, |\mathcal{E}|, H)`.
@@ -120,7 +120,7 @@ def attend_by_messages(
 
 
 def edge_factors(factors: OptTensor, pattern: AttentionPattern) -> OptTensor:
-    r"""Returns the dropout factors in the order of :func:`attend_by_messages`.
+    r"""Returns the dropout factors in the order that :func:`attend_by_messages` expects.
 
     Shapes:
         - **factors:** Factors of the coefficients, sorted by row.
@@ -134,13 +134,14 @@ def differentiable_gradients(
     needs_grad: Sequence[bool],
     grad: Tensor,
 ) -> list[Optional[Tensor]]:
-    r"""Returns the gradients of a function's inputs, which can be differentiated again.
+    r"""Returns gradients with respect to the inputs of a function. These gradients can be
+    differentiated again.
 
     Args:
-        compute (callable): The function, in ordinary operations.
-        inputs (list): Its inputs.
-        needs_grad (list): Whether each input needs a gradient. The gradient of other inputs is
-            :obj:`None`.
+        compute (callable): The function. It must use only differentiable operations.
+        inputs (list): Inputs of the function.
+        needs_grad (list): Whether each input needs a gradient. The gradients of all other inputs
+            are :obj:`None`.
         grad (torch.Tensor): Gradient of the output.
     """
     with torch.enable_grad():

@@ -1,4 +1,4 @@
-r"""Caches of values computed from edges, reused while the edges stay the same."""
+r"""Caches of values that are computed from edges and reused as long as the edges do not change."""
 
 import weakref
 from collections.abc import Callable, Sequence
@@ -23,16 +23,17 @@ class _Entry(NamedTuple):
 
 
 class EdgeCache(StatelessCopy, Generic[_Value]):
-    r"""A cache of one value that was computed from edges. The value is reused while the key and
-    the values of the tensors stay the same.
+    r"""A cache of one value that was computed from edges. The value is reused as long as the key
+    and the values of the tensors do not change.
 
-    On a processor, the tensors are compared with a copy of their values. A version counter would
-    not be enough, since it does not count writes through :obj:`tensor.data` or through a NumPy
-    array that shares the memory. On a GPU, comparing values would wait for all pending work. There,
-    the same object with the same memory and version counter counts as unchanged, and values are
-    compared otherwise; only writes through :obj:`tensor.data` go unnoticed.
+    On a CPU, the tensors are compared with a copy of their values. A version counter would not be
+    sufficient, since it does not count writes through :obj:`tensor.data` or through a NumPy array
+    that shares the memory. On a GPU, comparing values has to wait for all pending work. There, a
+    tensor counts as unchanged if it is the same object with the same memory and version counter,
+    and values are compared only if it is not. Writes through :obj:`tensor.data` are the only
+    changes that go unnoticed.
 
-    The single entry is replaced atomically, so that threads may share the cache.
+    The entry is replaced atomically, so that threads may share the cache.
     """
 
     def __init__(self) -> None:
@@ -56,8 +57,8 @@ class EdgeCache(StatelessCopy, Generic[_Value]):
     def _store(
         self, key: tuple[Any, ...], tensors: Sequence[Tensor], compute: Callable[[], _Value]
     ) -> _Value:
-        # A matrix computed in inference mode (by a validation before the training) could not take
-        # part in a later training step.
+        # A matrix computed in inference mode (by a validation before training) could not be used in
+        # a later training step.
         with torch.inference_mode(False), torch.no_grad():
             entry = _Entry(key, [TensorSnapshot(tensor) for tensor in tensors], compute())
         self._entry = entry  # one assignment, so that other threads see a complete entry
@@ -66,15 +67,15 @@ class EdgeCache(StatelessCopy, Generic[_Value]):
 
 
 class TensorSnapshot:
-    r"""A copy of a tensor that is compared with later tensors; see :class:`EdgeCache`."""
+    r"""A copy of a tensor, to which later tensors are compared; see :class:`EdgeCache`."""
 
     def __init__(self, tensor: Tensor) -> None:
         self.copy = tensor.clone()
         self.set_source(tensor)
 
     def set_source(self, tensor: Tensor) -> None:
-        r"""Stores the identity and the version of a tensor with the values of the copy."""
-        # A weak reference, since after the caller's tensor is freed, another may get its address.
+        r"""Stores the identity and the version of a tensor that has the values of the copy."""
+        # A weak reference is needed, since a new tensor may get the address of a freed one.
         self.source = weakref.ref(tensor)
         self.state = (tensor.data_ptr(), None if tensor.is_inference() else tensor._version)
 
@@ -86,7 +87,7 @@ class TensorSnapshot:
         if tensor.is_cpu and copy.is_cpu:
             try:
                 return torch.equal(tensor, copy)
-            except RuntimeError:  # a tensor inside of `vmap` stands for several tensors
+            except RuntimeError:  # inside `vmap`, a tensor represents several tensors
                 return False
         if tensor.device != copy.device or tensor.shape != copy.shape:
             return False
@@ -103,8 +104,9 @@ class TensorSnapshot:
 
 
 def is_cacheable(edge_index: Adj, edge_weight: OptTensor = None) -> bool:
-    r"""Returns whether values computed from edges may be cached. They may not if a tensor requires
-    a gradient, or is a fake tensor or another subclass, which may have no values.
+    r"""Returns whether values computed from edges may be cached. They may not be cached if a tensor
+    requires a gradient, or is a fake tensor or an instance of another subclass, which may have no
+    values.
     """
     return edge_index.layout in (torch.strided, torch.sparse_coo, torch.sparse_csr) and not any(
         tensor.requires_grad
@@ -117,7 +119,7 @@ def is_cacheable(edge_index: Adj, edge_weight: OptTensor = None) -> bool:
 
 
 def is_wrapped(tensor: Tensor) -> bool:
-    r"""Returns whether a tensor is a wrapper of :mod:`torch.func`, which has no storage."""
+    r"""Returns whether a tensor is a wrapper from :mod:`torch.func`, which has no storage."""
     if tensor.layout != torch.strided:
         return False
     try:
@@ -128,8 +130,8 @@ def is_wrapped(tensor: Tensor) -> bool:
 
 
 def is_transformed() -> bool:
-    r"""Returns whether a transform of :mod:`torch.func` or forward-mode differentiation is active,
-    which the sparse products do not support.
+    r"""Returns whether a transform from :mod:`torch.func` or forward-mode differentiation is
+    active. The sparse products support neither.
     """
     # PyTorch has no public function for either; a test covers both names.
     return torch._C._are_functorch_transforms_active() or forward_ad._current_level >= 0

@@ -1,4 +1,4 @@
-r"""Checks of the node features and edges that layers receive."""
+r"""Checks the node features and edges that layers receive."""
 
 import weakref
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from torch_geometric_tactile.nn._sizes import check_sizes
 
 
 class StatelessCopy:
-    r"""A base class of objects whose pickles and deep copies have no state."""
+    r"""A base class for objects whose pickles and deep copies have no state."""
 
     def __deepcopy__(self, memo: object) -> Self:
         return type(self)()
@@ -24,8 +24,8 @@ class StatelessCopy:
 
 
 class TensorCheck(StatelessCopy):
-    r"""A check of a tensor's values that is skipped while the tensor stays the same. On a GPU, each
-    check waits for all pending work.
+    r"""A check of the values of a tensor that is skipped as long as the tensor does not change. On
+    a GPU, each check has to wait for all pending work.
     """
 
     def __init__(self) -> None:
@@ -43,7 +43,7 @@ class TensorCheck(StatelessCopy):
 
 
 class EdgeCheck(TensorCheck):
-    r"""A check of edges that is skipped while they stay the same; see :class:`TensorCheck`."""
+    r"""A check of edges that is skipped as long as they do not change; see :class:`TensorCheck`."""
 
     def __call__(self, edge_index: Adj, num_nodes: int) -> None:
         r"""Checks edges.
@@ -57,19 +57,20 @@ class EdgeCheck(TensorCheck):
 
 
 def is_traced() -> bool:
-    r"""Returns whether a compiler, an export or a trace records the operations. The code must then
-    not depend on values.
+    r"""Returns whether a compiler, an export or a trace is recording the operations. If so, the
+    code must not depend on values.
     """
     return bool(torch.compiler.is_compiling() or torch.jit.is_tracing())
 
 
 def is_exported() -> bool:
-    r"""Returns whether the operations are recorded for another runtime, not for a compiler."""
+    r"""Returns whether operations are being recorded for another runtime, not for a compiler."""
     return torch.compiler.is_exporting() or torch.jit.is_tracing()
 
 
 def check_conv_sizes(in_channels: Any, **sizes: Any) -> None:
-    r"""Checks the sizes of a convolution: :obj:`in_channels`, which may be -1, and others by name.
+    r"""Checks the sizes of a convolution: :obj:`in_channels`, which may be -1, and further sizes by
+    name.
 
     Raises:
         ValueError: If a size is not a positive integer.
@@ -95,10 +96,11 @@ def compute_on_edges(
     edge_index: Adj,
     *edge_inputs: OptTensor,
 ) -> Tensor:
-    r"""Returns :obj:`compute(x, edge_index, *edge_inputs)` for edges of checked shape and type.
+    r"""Returns :obj:`compute(x, edge_index, *edge_inputs)`. The shape and type of the edges must
+    have been checked.
 
-    Node indices are checked only after an error. Indices out of range always raise one on a
-    processor, so that valid edges need no check in advance.
+    Node indices are checked only after an error. On a CPU, indices out of range always raise an
+    error, so that edges need not be checked in advance.
 
     Raises:
         ValueError: If a node index is out of range.
@@ -122,13 +124,13 @@ def check_tensor(x: Any) -> None:
     r"""Checks that node features are a single tensor."""
     if not isinstance(x, Tensor):
         raise ValueError(
-            f"'x' must be a tensor, the features of one set of nodes (got {type(x).__name__})"
+            f"'x' must be a tensor with the features of one set of nodes (got {type(x).__name__})"
         )
 
 
 def check_features(x: Tensor, in_channels: Optional[int]) -> None:
-    r"""Checks the shape and the type of node features, and their number if it is not
-    :obj:`None`.
+    r"""Checks the shape and the type of node features. If :obj:`in_channels` is not :obj:`None`,
+    also checks their number.
     """
     if x.dim() < 2:
         raise ValueError(
@@ -142,7 +144,7 @@ def check_features(x: Tensor, in_channels: Optional[int]) -> None:
 
 
 def check_edge_form(edge_index: Adj, num_nodes: int) -> None:
-    r"""Checks the shape and the type of edges, not their values.
+    r"""Checks the shape and the type of edges, but not their values.
 
     Shapes:
         - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
@@ -152,8 +154,8 @@ def check_edge_form(edge_index: Adj, num_nodes: int) -> None:
     if is_torch_sparse_tensor(edge_index):
         if tuple(edge_index.shape) != (num_nodes, num_nodes):
             raise ValueError(
-                f"'edge_index' must have shape ({num_nodes}, {num_nodes}) if it is sparse, the "
-                f"number of nodes in 'x' (got {tuple(edge_index.shape)})"
+                f"'edge_index' must have shape ({num_nodes}, {num_nodes}) if it is sparse, since "
+                f"'x' has {num_nodes} nodes (got {tuple(edge_index.shape)})"
             )
         return
     if edge_index.dim() != 2 or edge_index.size(0) != 2:
@@ -166,7 +168,8 @@ def check_edge_form(edge_index: Adj, num_nodes: int) -> None:
 
 
 def check_edge_index(edge_index: Adj, num_nodes: int) -> None:
-    r"""Checks the shape and the type of edges and, unless a compiler records, their node indices.
+    r"""Checks the shape and the type of edges and, unless a compiler is recording, their node
+    indices.
 
     Shapes:
         - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
@@ -182,7 +185,7 @@ def check_edge_index(edge_index: Adj, num_nodes: int) -> None:
     ):
         return
     extremes = torch.stack(torch.aminmax(edge_index)).cpu()  # one synchronisation on a GPU
-    # Not `tolist`, which does not work inside of torch.func in PyTorch 2.4.
+    # `tolist` does not work inside torch.func in PyTorch 2.4.
     low, high = int(extremes[0]), int(extremes[1])
     if low < 0 or high >= num_nodes:
         raise ValueError(
@@ -197,8 +200,8 @@ def check_edge_weight(edge_index: Adj, edge_weight: OptTensor) -> None:
         return
     if is_torch_sparse_tensor(edge_index):
         raise ValueError(
-            "'edge_weight' must be None if 'edge_index' is sparse, whose values are the weights "
-            f"(got shape {tuple(edge_weight.shape)})"
+            "'edge_weight' must be None if 'edge_index' is sparse, since its values are the "
+            f"weights (got shape {tuple(edge_weight.shape)})"
         )
     num_edges = edge_index.size(1)
     if tuple(edge_weight.shape) not in ((num_edges,), (num_edges, 1)):
@@ -211,10 +214,10 @@ def check_edge_weight(edge_index: Adj, edge_weight: OptTensor) -> None:
 
 
 def sorted_form(edge_index: Adj) -> Adj:
-    r"""Returns edges with sorted indices if they are a sparse COO matrix, and unchanged otherwise.
+    r"""Returns edges, with sorted indices if they are a sparse COO matrix and unchanged otherwise.
 
-    PyG's functions mark the caller's matrix as coalesced even if it is not, which makes later
-    products of this matrix incorrect.
+    PyG's functions mark the caller's matrix as coalesced even if it is not. Later products with
+    this matrix would then be incorrect.
     """
     if edge_index.layout == torch.sparse_coo and not edge_index.is_coalesced():
         return edge_index.coalesce()
@@ -222,7 +225,8 @@ def sorted_form(edge_index: Adj) -> Adj:
 
 
 def as_edges(edge_index: Adj, edge_weight: OptTensor = None) -> tuple[Tensor, OptTensor]:
-    r"""Returns edges and their weights as tensors, also for PyG's transposed sparse adjacency.
+    r"""Returns edges and their weights as tensors. PyG's transposed sparse adjacency is also
+    supported.
 
     Shapes:
         - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix

@@ -8,14 +8,14 @@ from torch_geometric.nn import MessagePassing
 
 
 class ExplainablePropagate:
-    r"""Compiles :meth:`propagate` for each class of layers separately, and keeps the uncompiled
-    form, which explainers need. It is a base class before
+    r"""Compiles :meth:`propagate` separately for each class of layers, and keeps the uncompiled
+    form, which explainers need. List this base class before
     :class:`~torch_geometric.nn.MessagePassing`.
 
     PyG replaces :meth:`propagate` in the class of the first layer that is created, and subclasses
-    inherit the compiled form. If that layer is a bare :obj:`MessagePassing()`, layers of all
-    packages lose the uncompiled form. The private names of PyG used here are tested with the oldest
-    and the newest supported release.
+    inherit the compiled form. If the first layer is a bare :obj:`MessagePassing()`, the layers of
+    all packages lose the uncompiled form. The private names of PyG that are used here are tested
+    with the oldest and the newest supported release.
     """
 
     def _set_jittable_templates(self, raise_on_error: bool = False) -> None:
@@ -33,17 +33,17 @@ class ExplainablePropagate:
 
 
 def mark_overridden_methods(cls: Any, layer: type, **methods: Iterable[str]) -> None:
-    r"""Sets attributes of a new subclass that say whether it overrides methods of a layer, and
-    resets its :meth:`propagate` to the uncompiled form unless it overrides that.
+    r"""Sets attributes of a new subclass that indicate whether it overrides methods of a layer.
+    Resets :meth:`propagate` to the uncompiled form unless the subclass overrides it.
 
-    PyG later writes compiled methods into the classes of layers, so that overridden methods can be
-    recognised only when the class is defined.
+    PyG later writes compiled methods into the classes of layers. Overridden methods can therefore
+    be recognised only when the class is defined.
 
     Args:
         cls (type): The subclass.
         layer (type): The layer.
-        **methods: Names of methods for each attribute. The attribute is :obj:`True` if one of them
-            is overridden.
+        **methods: Names of methods for each attribute. The attribute is :obj:`True` if one of
+            these methods is overridden.
     """
     bases = cls.__mro__[1 : cls.__mro__.index(layer)]
     layer_subclasses = [base for base in bases if issubclass(base, layer)]
@@ -69,9 +69,9 @@ def original_propagate() -> Any:
 
 
 def restore_propagate(model: Module) -> None:
-    r"""Restores the uncompiled :meth:`propagate` of all layers of a model, including those of PyG
-    and of users, for an explainer. Layers lack it if a bare :obj:`MessagePassing()` was created
-    before them.
+    r"""Restores the uncompiled :meth:`propagate` in all layers of a model, including layers from
+    PyG and from users, for use by an explainer. Layers lack the uncompiled form if a bare
+    :obj:`MessagePassing()` was created before them.
     """
     compiled = vars(MessagePassing).get("_jinja_propagate")
     for layer in model.modules():

@@ -11,9 +11,9 @@ from torch_geometric_tactile.nn.conv._edge_checks import check_lazy_size
 
 
 class LazyWeight:
-    r"""Adds a :obj:`weight` to a layer, as a base class before
-    :class:`~torch_geometric.nn.MessagePassing`. If :obj:`in_channels` is -1, its size is inferred
-    from the first input or from a loaded :obj:`state_dict`, as in PyG's
+    r"""Adds a :obj:`weight` to a layer. List this base class before
+    :class:`~torch_geometric.nn.MessagePassing`. If :obj:`in_channels` is -1, the size of the weight
+    is inferred from the first input or from a loaded :obj:`state_dict`, as in PyG's
     :class:`~torch_geometric.nn.dense.Linear`.
     """
 
@@ -62,11 +62,11 @@ class LazyWeight:
 
 
 def lazy_linear(name: str, size: int, repeats: int, out_features: int) -> Linear:
-    r"""Returns a linear map from :obj:`size * repeats` features. If :obj:`size` is -1, the number
-    of features is inferred from the first input.
+    r"""Returns a linear map with :obj:`size * repeats` input features. If :obj:`size` is -1, their
+    number is inferred from the first input.
 
     Args:
-        name (str): Name of the argument for messages.
+        name (str): Name of the argument, for error messages.
         size (int): Size of each part of the input, or -1.
         repeats (int): Number of parts.
         out_features (int): Size of the output.

@@ -1,6 +1,7 @@
-r"""Checks that nothing is attached to a layer, so that a fast path may replace its operations.
+r"""Checks that nothing is attached to a layer, so that a faster implementation may replace its
+operations.
 
-Forward hooks, message hooks, pruned or reparametrised weights and adapters in place of the linear
+Forward hooks, message hooks, pruned or reparametrised weights, and adapters that replace the linear
 map must all take effect. Layers and models call these functions before they merge or reorder
 operations.
 """
@@ -17,10 +18,11 @@ from torch_geometric.nn.dense.linear import Linear
 
 # Methods that determine the messages and their aggregation.
 MESSAGE_METHODS = ("propagate", "message", "aggregate", "message_and_aggregate", "update")
-# Methods that users may replace on an instance. PyG itself sets `propagate` there.
+# Methods that users may replace on an instance. `propagate` is set on instances by PyG itself.
 _INSTANCE_METHODS = MESSAGE_METHODS[1:]
-# Neither PyTorch nor PyG has a public function that returns hooks. They are looked up in the
-# modules' dictionaries, which is faster than attribute access, since layers check at each call.
+# Neither PyTorch nor PyG has a public function that returns hooks. Layers check for hooks at each
+# call, so the hooks are looked up in the dictionaries of the modules, which is faster than
+# attribute access.
 _MODULE_HOOKS = ("_forward_hooks", "_forward_pre_hooks", "_backward_hooks", "_backward_pre_hooks")
 _MESSAGE_HOOKS = tuple(
     f"_{method}_forward{kind}"
@@ -30,8 +32,8 @@ _MESSAGE_HOOKS = tuple(
 
 
 def is_static_batch(x: Tensor) -> bool:
-    r"""Returns whether features are a batch of samples on one topology that this package's
-    operations for processors support. Returns :obj:`False` while a compiler records.
+    r"""Returns whether features are a batch of samples on one topology that the CPU operations of
+    this package support. Returns :obj:`False` while a compiler is recording.
 
     Shapes:
         - **x:** Node features, :math:`(B, N, F)` for :obj:`True`.
@@ -47,7 +49,7 @@ def is_static_batch(x: Tensor) -> bool:
 
 
 def is_hooked(module: Module) -> bool:
-    r"""Returns whether a module has hooks, or a :meth:`forward` that was set on the instance."""
+    r"""Returns whether a module has hooks or a :meth:`forward` that was set on the instance."""
     attributes = module.__dict__
     return any(map(attributes.get, _MODULE_HOOKS)) or "forward" in attributes
 
@@ -63,14 +65,14 @@ def has_global_hooks() -> bool:
 
 
 def is_plain_linear(lin: Module) -> bool:
-    r"""Returns whether a module is exactly PyG's linear map, without hooks, so that products may be
-    reordered around it.
+    r"""Returns whether a module is exactly PyG's linear map and has no hooks, so that products may
+    be reordered around it.
     """
     return type(lin) is Linear and not is_hooked(lin) and not has_global_hooks()
 
 
 def sums_messages(conv: MessagePassing) -> bool:
-    r"""Returns whether a layer sums its messages, and no hook, explainer or replaced method needs
+    r"""Returns whether a layer sums its messages and no hook, explainer or replaced method needs
     them.
     """
     attributes = conv.__dict__

@@ -1,4 +1,4 @@
-r"""A graph convolution for many samples on one topology, for training on processors."""
+r"""A graph convolution for many samples on one topology, for training on CPUs."""
 
 from typing import Any
 
@@ -10,11 +10,11 @@ from torch_geometric.typing import OptTensor
 
 from torch_geometric_tactile.nn.conv._static_adjacency import StaticAdjacency, sparse_product
 
-# An activation of this size stays in a processor's second-level cache.
+# An activation of this size fits in a CPU's second-level cache.
 _BLOCK_BYTES = 2**20
-# Products of matrices are fastest if their last dimension is a multiple of this number.
+# Matrix products are fastest if their last dimension is a multiple of this number.
 _LANES = 16
-# Up to this number of rows, padding or reordering them takes longer than it saves.
+# Up to this number of rows, padding or reordering costs more time than it saves.
 _MAX_DIRECT_ROWS = 1024
 
 
@@ -25,16 +25,16 @@ def sparse_gcn(
     bias: OptTensor = None,
     root: OptTensor = None,
 ) -> Tensor:
-    r"""Computes a graph convolution with its linear map, and optionally another map of the taxel
-    itself.
+    r"""Computes a graph convolution with its linear map, and optionally with another linear map for
+    the taxel itself.
 
     .. math::
         \mathbf{X}' = \hat{\mathbf{A}} \mathbf{X} \mathbf{W}^{\top} + \mathbf{X}
         \mathbf{W}_{\mathrm{root}}^{\top} + \mathbf{b}
 
-    Large inputs are processed in blocks of samples, whose propagated features stay in the cache.
-    Only the input is then saved for the backward pass. Small and narrow inputs, and those without a
-    gradient, are propagated at once, and the propagated features are saved.
+    Large inputs are processed in blocks of samples, so that the propagated features stay in the
+    cache. Only the input is then saved for the backward pass. Small inputs, narrow inputs and
+    inputs that need no gradient are propagated at once, and the propagated features are saved.
 
     Shapes:
         - **x:** Features :math:`(\ldots, N, F)` that
@@ -64,7 +64,8 @@ class _SparseGCN(Function):
             is_small or 2 * width < out_width or not ctx.needs_input_grad[0]
         )
         sums = None
-        # Not a view, since autograd restricts writing in place to views of a custom function.
+        # Not a view, since autograd restricts in-place writes to views returned by a custom
+        # function.
         out = x.new_empty(*x.shape[:-1], out_width)
         rows = out.view(num_rows, out_width)
         if is_unblocked:
@@ -93,7 +94,8 @@ class _SparseGCN(Function):
                 grad_weight = _sum_of_products(rows, sums)
             if needs_x:
                 mapped_grad = _narrow_product(rows, weight).view(x.shape)
-                # Mapped before propagated, as the input is not wider than the output.
+                # The linear map comes before the propagation, since the input is not wider than the
+                # output.
                 grad_x = _propagate_unblocked(ctx.adjacency, mapped_grad, transposed=True).view(
                     x.shape
                 )
@@ -192,7 +194,7 @@ def _propagate_unblocked(adjacency: StaticAdjacency, x: Tensor, transposed: bool
     num_rows = x.numel() // width
     num_bytes = num_rows * width * x.element_size()
     if num_rows <= _MAX_DIRECT_ROWS or (width >= _LANES and num_bytes <= _BLOCK_BYTES):
-        # Everything is in the cache, so that reordering the memory takes longer than the product.
+        # Everything is in the cache, so reordering the memory would take longer than the product.
         matrix = adjacency.batch_csr(num_rows // num_nodes, transposed)
         return sparse_product(matrix, x.reshape(num_rows, width))
     return _propagate(adjacency.csr(transposed), _as_samples(x))
@@ -214,7 +216,7 @@ def _as_samples(x: Tensor) -> Tensor:
 
 
 def _blocks(*tensors: Tensor) -> list[tuple[Tensor, ...]]:
-    # Splits each tensor (..., N, F) into blocks of samples (b, N, F) that stay in the cache.
+    # Splits each tensor (..., N, F) into blocks of samples (b, N, F) that fit in the cache.
     batches = [_as_samples(tensor) for tensor in tensors]
     width = max([batch.size(2) for batch in batches])
     num_bytes = batches[0].size(1) * width * batches[0].element_size()

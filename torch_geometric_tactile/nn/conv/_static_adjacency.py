@@ -32,8 +32,8 @@ _SPARSE_TYPES = (torch.float32, torch.float64)
 _MAX_ROW_BLOCKS = 4096
 # Cached matrices of PyG batches per adjacency.
 _MAX_BATCHES = 8
-# Whether traced products may spread missing readings to all taxels, for models whose output is then
-# NaN anyway. A context variable is not an option, since PyTorch 2.6 cannot compile it.
+# Whether traced products may spread missing readings to all taxels. This is for models whose output
+# is then NaN anyway. A context variable is not an option, since PyTorch 2.6 cannot compile it.
 _traces_plain_products = False
 
 
@@ -48,7 +48,7 @@ class GCNNorm(NamedTuple):
     flow: str = "source_to_target"
 
 
-# The fields of `GCNNorm`. Layers create it at each call, for which a plain tuple is faster.
+# The fields of `GCNNorm`. Layers create this value at each call, and a plain tuple is faster.
 Norm = tuple[bool, bool, bool, str]
 GCN_NORM = GCNNorm()
 
@@ -58,17 +58,18 @@ class StaticAdjacency:
 
     Args:
         edge_index (torch.Tensor): Sources and targets of the entries :math:`(2, |\mathcal{E}|)`.
-            The values of repeated edges are added up.
+            The values of repeated edges are summed.
         weight (torch.Tensor): Values of the entries :math:`(|\mathcal{E}|,)`, including zeros.
         num_nodes (int): Number of taxels :math:`N`.
     """
 
     def __init__(self, edge_index: Tensor, weight: Tensor, num_nodes: int) -> None:
         self.num_nodes = num_nodes
-        # Copies, since formats are computed on demand, and the caller may change the edges before.
+        # Copies are needed, since the formats are computed on demand and the caller may change the
+        # edges before.
         self._edges, self._weight = edge_index.clone(), weight.clone()
         # Whether the linear map may be applied after the sum. With an infinite weight, infinity
-        # times a sum differs from a sum of infinities.
+        # times a sum is not the same as a sum of infinities.
         self.may_reorder = not bool(self._weight.isinf().any())
         self._csr: dict[bool, Tensor] = {}
         self._rows: dict[tuple[int, int], Tensor] = {}
@@ -99,7 +100,7 @@ class StaticAdjacency:
         return self._pattern
 
     def csr(self, transposed: bool = False) -> Tensor:
-        r"""Returns the cached matrix in CSR format.
+        r"""Returns the matrix in CSR format, and caches it.
 
         Args:
             transposed (bool): Whether to transpose it.
@@ -108,7 +109,7 @@ class StaticAdjacency:
         if csr is None:
             with torch.inference_mode(False):
                 source, target = self._edges.flip(0) if transposed else self._edges
-                # The stable sort keeps the order of the edges, in which messages are added up too.
+                # The stable sort keeps the order of the edges, in which messages are also summed.
                 order = target.argsort(stable=True)
                 ends = target.bincount(minlength=self.num_nodes).cumsum(0)
                 starts = torch.cat([ends.new_zeros(1), ends])
@@ -117,8 +118,8 @@ class StaticAdjacency:
         return csr
 
     def batch_csr(self, num_samples: int, transposed: bool = False) -> Tensor:
-        r"""Returns the cached block-diagonal matrix of a PyG batch of samples in CSR format
-        :math:`(B N, B N)`.
+        r"""Returns the block-diagonal matrix of a PyG batch in CSR format :math:`(B N, B N)`, and
+        caches it.
 
         Args:
             num_samples (int): Number of samples :math:`B`.
@@ -129,7 +130,7 @@ class StaticAdjacency:
         matrix = self._batches.get((num_samples, transposed))
         if matrix is None:
             if len(self._batches) >= _MAX_BATCHES:
-                self._batches = {}  # not cleared in place: another thread may be reading it
+                self._batches = {}  # replaced, not cleared: another thread may be reading it
             with torch.inference_mode(False):
                 csr, sample = self.csr(transposed), torch.arange(num_samples).view(-1, 1)
                 starts, columns, values = csr.crow_indices(), csr.col_indices(), csr.values()
@@ -141,8 +142,8 @@ class StaticAdjacency:
         return matrix
 
     def rows(self, start: int, stop: int) -> Tensor:
-        r"""Returns the cached rows from :obj:`start` to :obj:`stop - 1` in CSR format
-        :math:`(S, N)`.
+        r"""Returns the rows from :obj:`start` to :obj:`stop - 1` in CSR format :math:`(S, N)`, and
+        caches them.
 
         Args:
             start (int): Index of the first row.
@@ -151,7 +152,7 @@ class StaticAdjacency:
         rows = self._rows.get((start, stop))
         if rows is None:
             if len(self._rows) >= _MAX_ROW_BLOCKS:
-                self._rows = {}  # not cleared in place: another thread may be reading it
+                self._rows = {}  # replaced, not cleared: another thread may be reading it
             csr = self.csr()
             starts = csr.crow_indices()[start : stop + 1]
             entries = slice(int(starts[0]), int(starts[-1]))
@@ -161,14 +162,16 @@ class StaticAdjacency:
         return rows
 
     def blocks(self, group: int, nodes: Tensor) -> Tensor:
-        r"""Returns the cached matrices of a group of segments of equal size :math:`(S, n, n)`.
+        r"""Returns the matrices of a group of segments of equal size :math:`(S, n, n)`, and caches
+        them.
 
         Args:
             group (int): Index of the group.
             nodes (torch.Tensor): Indices of the taxels of each segment :math:`(S, n)`.
         """
         if group not in self._blocks:
-            # Inference tensors, as from a validation before training, cannot be used in training.
+            # Inference tensors, for example from a validation before training, cannot be used in
+            # training.
             with torch.inference_mode(False):
                 self._blocks[group] = adjacency_blocks(self.dense, nodes)
         return self._blocks[group]
@@ -177,12 +180,13 @@ class StaticAdjacency:
         r"""Multiplies features by the sparse matrix, with gradients of any order.
 
         Only the entries of edges are multiplied, so that missing and infinite features and weights
-        affect the same taxels as with messages.
+        affect the same taxels as they do with messages.
 
         Shapes:
             - **x:** Features :math:`(\ldots, N, F)` that :func:`may_multiply` accepts.
             - **transposed:** Whether to transpose the matrix.
-            - **output:** Sums of the same shape. The taxels are the outermost dimension in memory.
+            - **output:** Sums with the same shape. The taxels are the outermost dimension in
+              memory.
         """
         out: Tensor = _Product.apply(x, self, transposed)
         return out
@@ -215,22 +219,22 @@ class _Product(Function):
 
 
 def sparse_product(matrix: Tensor, h: Tensor) -> Tensor:
-    r"""Multiplies a CSR matrix by a dense one.
+    r"""Multiplies a CSR matrix by a dense matrix.
 
     Shapes:
         - **matrix:** The sparse matrix :math:`(M, N)`.
         - **h:** The dense matrix :math:`(N, K)`.
         - **output:** :math:`(M, K)`.
     """
-    # With a reduction, PyTorch uses its own kernel. It is as fast as that of MKL, which is not
-    # available on every machine.
+    # With a reduction, PyTorch uses its own kernel. It is as fast as the kernel in MKL, which is
+    # not available on every machine.
     return torch.sparse.mm(matrix, h, "sum")
 
 
 def may_multiply(x: Tensor) -> bool:
     r"""Returns whether :meth:`StaticAdjacency.product` supports features. They must be samples on
-    one topology :math:`(\ldots, N, F)`, on a processor and in eager mode, outside of autocast and
-    of the transforms of :mod:`torch.func`.
+    one topology :math:`(\ldots, N, F)` on a CPU, in eager mode, outside autocast and outside the
+    transforms in :mod:`torch.func`.
     """
     return (
         not is_traced()
@@ -245,7 +249,7 @@ def may_multiply(x: Tensor) -> bool:
 
 
 class AdjacencyCache(EdgeCache[StaticAdjacency]):
-    r"""A cache of the adjacency of the last topology."""
+    r"""A cache that holds the adjacency of the last topology."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -260,17 +264,17 @@ class AdjacencyCache(EdgeCache[StaticAdjacency]):
         segment: OptTensor = None,
         norm: Norm = GCN_NORM,
     ) -> Optional[StaticAdjacency]:
-        r"""Returns the adjacency of a topology. Returns :obj:`None` if it may not be cached, which
-        is the case for tensors that need a gradient and while a compiler records.
+        r"""Returns the adjacency of a topology. Returns :obj:`None` if it may not be cached. This
+        is the case for tensors that need a gradient, and while a compiler is recording.
 
         Args:
             edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
                 :math:`(N, N)`.
-            edge_weight (torch.Tensor, optional): Weights of the edges :math:`(|\mathcal{E}|,)`.
+            edge_weight (torch.Tensor, optional): Edge weights :math:`(|\mathcal{E}|,)`.
             num_nodes (int): Number of taxels :math:`N`.
             dtype (torch.dtype): Data type of the matrix.
             segment (torch.Tensor, optional): Segment of each taxel :math:`(N,)`. Edges between
-                segments are removed. It must be the same in each call, as it is not part of the
+                segments are removed. It must be the same in each call, since it is not part of the
                 key.
             norm (tuple): Fields of a :class:`GCNNorm`.
 
@@ -311,22 +315,23 @@ class AdjacencyCache(EdgeCache[StaticAdjacency]):
 
 def may_multiply_dense(x: Tensor) -> bool:
     r"""Returns whether a product with a dense matrix is fastest for features
-    :math:`(\ldots, N, F)`. It is on GPUs, and in exports, whose runtimes store the matrix as a
-    constant. For compilers on a processor, messages are faster.
+    :math:`(\ldots, N, F)`. This is the case on GPUs, and in exports, whose runtimes store the
+    matrix as a constant. With compilers on a CPU, messages are faster.
     """
     return x.size(-2) <= MAX_DENSE_NODES and (not x.is_cpu or is_exported())
 
 
 def may_cache_edges(x: Tensor) -> bool:
-    r"""Returns whether messages along cached edges are fastest for features :math:`(B, N, F)`. They
-    are on GPUs, which must synchronise to get the number of edges at each normalisation.
+    r"""Returns whether messages along cached edges are fastest for features :math:`(B, N, F)`. This
+    is the case on GPUs, which would have to synchronise at each normalisation to get the number of
+    edges.
     """
     return x.dim() > 2 and not x.is_cpu and not is_traced()
 
 
 def message_type(x: Tensor, edge_weight: OptTensor) -> torch.dtype:
-    r"""Returns the data type of weighted messages, as in PyG. Integer weights are converted to the
-    type of the features.
+    r"""Returns the data type of weighted messages, which is the same as in PyG. Integer weights are
+    converted to the type of the features.
     """
     if edge_weight is None or not edge_weight.is_floating_point():
         return x.dtype
@@ -343,8 +348,8 @@ def _edge_tensors(edge_index: Adj, edge_weight: OptTensor) -> tuple[Tensor, ...]
 
 
 def csr_matrix(starts: Tensor, columns: Tensor, values: Tensor, num_columns: int) -> Tensor:
-    r"""Returns a sparse matrix :math:`(M, N)` in CSR format. Suppresses PyTorch's beta warning, and
-    does not check the indices.
+    r"""Returns a sparse matrix :math:`(M, N)` in CSR format. PyTorch's beta warning is suppressed,
+    and the indices are not checked.
 
     Shapes:
         - **starts:** Start of each row, and the end of the last row :math:`(M + 1,)`.
@@ -363,8 +368,8 @@ def dense_matrix(edge_index: Tensor, weight: Tensor, num_nodes: int) -> Tensor:
 
     Shapes:
         - **edge_index:** Sources and targets :math:`(2, |\mathcal{E}|)`.
-        - **weight:** Values of the edges :math:`(|\mathcal{E}|,)`. Those of repeated edges are
-          added up.
+        - **weight:** Values of the edges :math:`(|\mathcal{E}|,)`. The values of repeated edges are
+          summed.
         - **num_nodes:** Number of taxels :math:`N`.
     """
     source, target = edge_index
@@ -377,7 +382,7 @@ def _scatter(target: Tensor, source: Tensor, weight: Tensor, num_nodes: int) -> 
 
 
 def edge_pattern(dense: Tensor) -> Tensor:
-    r"""Returns a matrix with ones for the nonzero entries of a matrix and zeros elsewhere, in the
+    r"""Returns a matrix with ones at the nonzero entries of a matrix and zeros elsewhere, with the
     same data type.
 
     Shapes:
@@ -388,9 +393,9 @@ def edge_pattern(dense: Tensor) -> Tensor:
 
 def all_finite(x: Tensor) -> Optional[bool]:
     r"""Returns whether all values are finite. Returns :obj:`None` on a GPU, where the check would
-    wait for all pending work, and while a compiler records.
+    have to wait for all pending work, and while a compiler is recording.
 
-    The check uses the sum, which takes one pass and no memory. A sum that overflows counts as not
+    The check uses the sum, which needs one pass and no memory. A sum that overflows counts as not
     finite.
     """
     if not x.is_cpu or is_traced():
@@ -400,16 +405,16 @@ def all_finite(x: Tensor) -> Optional[bool]:
     total = x.sum(dtype=torch.float32) if x.dtype == torch.float16 else x.sum()
     try:
         number = total.item()
-    except RuntimeError:  # raised inside of `torch.func.vmap`, and for tensors without values
+    except RuntimeError:  # raised inside `torch.func.vmap`, and for tensors without values
         return None
     return math.isfinite(number) if isinstance(number, float) else bool(total.isfinite())
 
 
 @contextmanager
 def plain_products_when_traced() -> Iterator[None]:
-    r"""Makes :func:`contained_product` a plain product of matrices in code that is traced inside of
-    this context. It is for models whose output is NaN if any reading is missing, where containing
-    NaN would only cost time.
+    r"""Makes :func:`contained_product` a plain matrix product in code that is traced inside this
+    context. It is for models whose output is NaN if any reading is missing. For such models,
+    containing NaN would only cost time.
     """
     global _traces_plain_products
     previous, _traces_plain_products = _traces_plain_products, True
@@ -420,13 +425,13 @@ def plain_products_when_traced() -> Iterator[None]:
 
 
 def contained_product(adjacency: Tensor, pattern: Tensor, x: Tensor) -> Tensor:
-    r"""Multiplies features by an adjacency matrix, so that infinite or missing features of a taxel
-    make only the sums of its neighbours NaN. In a plain product, zero times infinity would make all
-    sums NaN. The function has no branches that depend on values, so that compilers can record it.
+    r"""Multiplies features by an adjacency matrix. Infinite or missing features of a taxel make
+    only the sums at its neighbours NaN. In a plain product, zero times infinity would make all sums
+    NaN. The function has no branches that depend on values, so that compilers can record it.
 
     Shapes:
-        - **adjacency:** Matrix :math:`(N, N)`, or one for each segment.
-        - **pattern:** Matrix of the same shape with ones for edges and zeros elsewhere.
+        - **adjacency:** Matrix :math:`(N, N)`, or one matrix for each segment.
+        - **pattern:** Matrix of the same shape with ones at edges and zeros elsewhere.
         - **x:** Features :math:`(\ldots, N, F)`.
     """
     if is_traced() and _traces_plain_products:
@@ -457,7 +462,7 @@ def edge_norm(
     segment: OptTensor = None,
     norm: GCNNorm = GCN_NORM,
 ) -> tuple[Tensor, Tensor]:
-    r"""Returns the edges of :func:`~torch_geometric.nn.conv.gcn_conv.gcn_norm` as sources and
+    r"""Returns the edges from :func:`~torch_geometric.nn.conv.gcn_conv.gcn_norm` as sources and
     targets :math:`(2, |\mathcal{E}'|)`, and their weights :math:`(|\mathcal{E}'|,)`.
 
     Shapes:
@@ -495,11 +500,11 @@ def dense_norm(
     segment: OptTensor = None,
     norm: GCNNorm = GCN_NORM,
 ) -> Tensor:
-    r"""Returns the adjacency matrix :math:`(N, N)` of
+    r"""Returns the adjacency matrix :math:`(N, N)` from
     :func:`~torch_geometric.nn.conv.gcn_conv.gcn_norm`, with targets as rows and sources as columns.
 
-    Edges are not removed by a mask, which would give a tensor of unknown size and break the graph
-    of ``torch.compile``. They get zero weight instead.
+    Edges are given zero weight instead of being removed with a mask. A mask would produce a tensor
+    of unknown size and break the graph in ``torch.compile``.
 
     Shapes:
         - **edge_index:** Edges :math:`(2, |\mathcal{E}|)`, or a sparse matrix
@@ -533,7 +538,7 @@ def dense_norm(
         return adjacency
     scale = adjacency.sum(dim=1).pow(-0.5)
     scale = scale.masked_fill(scale == float("inf"), 0.0)
-    # The root of a negative sum is NaN. Scaling each edge, not the dense matrix, limits NaN to
+    # The root of a negative sum is NaN. Scaling each edge instead of the dense matrix limits NaN to
     # entries with edges.
     weight = scale[target] * weight * scale[source]
     if segment is not None:
@@ -546,7 +551,7 @@ def loop_weights(
     source: Tensor, is_loop: Tensor, weight: Tensor, num_nodes: int, loop_weight: float
 ) -> Tensor:
     r"""Returns the weight of each node's self-loop :math:`(N,)`. Existing self-loops keep their
-    weight, and missing ones get :obj:`loop_weight`.
+    weight, and missing self-loops get :obj:`loop_weight`.
 
     Shapes:
         - **source:** Sources of the edges :math:`(|\mathcal{E}|,)`.
@@ -554,14 +559,14 @@ def loop_weights(
         - **weight:** Weights of the edges :math:`(|\mathcal{E}|,)`.
         - **num_nodes:** Number of taxels :math:`N`.
     """
-    # Edges that are not self-loops are written to an extra last entry, which is dropped.
+    # Edges that are not self-loops are written to an extra last entry, which is discarded.
     indices = source.masked_fill(~is_loop, num_nodes)
     return weight.new_full((num_nodes + 1,), loop_weight).scatter(0, indices, weight)[:-1]
 
 
 def sparse_norm(adj_t: Adj, num_nodes: int, dtype: torch.dtype, norm: GCNNorm) -> Tensor:
-    r"""Returns a sparse adjacency matrix normalised by PyG. PyG adds a self-loop to each node, even
-    to those that have one.
+    r"""Returns a sparse adjacency matrix, normalised by PyG. PyG adds a self-loop to each node,
+    even to nodes that already have one.
 
     Shapes:
         - **adj_t:** Sparse matrix :math:`(N, N)` of targets and sources.

@@ -1,4 +1,4 @@
-r"""The base class of the attention layers for many samples on one topology."""
+r"""The base class of attention layers for many samples on one topology."""
 
 from collections.abc import Callable
 from functools import partial
@@ -44,8 +44,8 @@ from torch_geometric_tactile.nn.conv._plain import (
 
 _EDGE_METHODS = ("edge_update", "edge_updater")
 _METHODS = (*MESSAGE_METHODS, *_EDGE_METHODS)
-# Methods that users may replace on an instance. PyG itself sets `propagate` and `edge_updater`
-# there.
+# Methods that users may replace on an instance. `propagate` and `edge_updater` are set on instances
+# by PyG itself.
 _INSTANCE_METHODS = frozenset(_METHODS) - {"propagate", "edge_updater"}
 _HOOKS = tuple(
     f"_{method}_forward{kind}"
@@ -56,8 +56,8 @@ _TENSOR_TYPES = (Tensor, Parameter)
 
 
 class LoopCache(EdgeCache[Tensor]):
-    r"""A cache of the edges of the last topology with self-loops. Without it, a GPU would
-    synchronise at each call to get their number.
+    r"""A cache that holds the edges of the last topology with self-loops. Without the cache, a GPU
+    would have to synchronise at each call to get the number of edges.
     """
 
     def get(self, edge_index: Tensor, num_nodes: int) -> Tensor:
@@ -79,15 +79,15 @@ class LoopCache(EdgeCache[Tensor]):
 
 
 def may_cache_loops(edge_index: Adj) -> bool:
-    r"""Returns whether :class:`LoopCache` may be used. It may not while a compiler records, nor for
-    a sparse matrix, whose values PyG treats as edge features.
+    r"""Returns whether :class:`LoopCache` may be used. It may not be used while a compiler is
+    recording, or for a sparse matrix, since PyG treats its values as edge features.
     """
     return not is_traced() and edge_index.layout == torch.strided and is_cacheable(edge_index)
 
 
 class StaticAttention(ExplainablePropagate, MessagePassing):
     r"""The base class of :class:`~torch_geometric_tactile.nn.conv.StaticGATConv` and
-    :class:`~torch_geometric_tactile.nn.conv.StaticGATv2Conv`, placed before that of PyG.
+    :class:`~torch_geometric_tactile.nn.conv.StaticGATv2Conv`. It is listed before PyG's base class.
     """
 
     in_channels: Any
@@ -109,7 +109,7 @@ class StaticAttention(ExplainablePropagate, MessagePassing):
     _overrides_edge_update: ClassVar[bool] = False
     _overrides_propagate: ClassVar[bool] = False
 
-    # Set in each class, since PyG compiles it into the class of the first layer; see StaticGCNConv.
+    # Set in each class, since PyG writes it into the class of the first layer; see StaticGCNConv.
     propagate = original_propagate()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -148,7 +148,7 @@ class StaticAttention(ExplainablePropagate, MessagePassing):
         )
 
     def _attend(self, x: Tensor, edge_index: Adj, edge_attr: OptTensor, *options: Any) -> Any:
-        # `options` are the further arguments of PyG's `forward`. The last is
+        # `options` are the further arguments of PyG's `forward`. The last one is
         # `return_attention_weights`.
         num_nodes = x.size(-2)
         if x.dim() == 2:
@@ -182,9 +182,9 @@ class StaticAttention(ExplainablePropagate, MessagePassing):
     def _attend_by_sample(
         self, x: Tensor, edge_index: Adj, edge_attr: OptTensor
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        # Calls PyG's layer for each sample, for a subclass whose `edge_update` takes only the
-        # arguments that PyG passes to it. An empty batch is computed as one sample, which is
-        # dropped.
+        # Calls PyG's layer for each sample. This is needed for a subclass whose `edge_update` takes
+        # only the arguments that PyG passes to it. For an empty batch, one sample is computed and
+        # discarded.
         samples = x if len(x) > 0 else x.new_zeros(1, *x.shape[1:])
         compute = partial(super().forward, return_attention_weights=True)
         outs, weights = zip(
@@ -194,13 +194,14 @@ class StaticAttention(ExplainablePropagate, MessagePassing):
         return torch.stack(outs)[: len(x)], (weights[0][0], alpha[: len(x)])
 
     def _sparse_attention(self, x: Tensor, edge_index: Tensor) -> OptTensor:
-        # Returns the output by products of sparse matrices, or None if messages are cheaper.
+        # Returns the output, computed with sparse matrix products, or None if messages are cheaper.
         raise NotImplementedError
 
     def _pass_messages(
         self, x: Tensor, edge_index: Adj, edge_attr: OptTensor
     ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-        # Returns the output of samples (B, N, F), the edges with self-loops and their coefficients.
+        # Returns the output for samples (B, N, F), the edges with self-loops and their
+        # coefficients.
         raise NotImplementedError
 
     def _cached_edges(self, edge_index: Tensor, num_nodes: int) -> Optional[AttentionEdges]:
@@ -211,15 +212,15 @@ class StaticAttention(ExplainablePropagate, MessagePassing):
         return edges if edges is not None and edges.has_little_padding else None
 
     def _should_mask_loops(self) -> bool:
-        # PyG removes self-loops with a boolean mask. The size of the result depends on values,
-        # which compilers do not support, so self-loops are masked instead.
+        # PyG removes self-loops using a boolean mask. The size of the result depends on values,
+        # which compilers do not support, so self-loops are masked in the softmax instead.
         return self.add_self_loops and is_traced() and not self._overrides_edge_update
 
     def _add_loops(
         self, edge_index: Adj, edge_attr: OptTensor, num_nodes: int
     ) -> tuple[Tensor, OptTensor, OptTensor]:
         # Returns the edges with self-loops, their features and, if loops are masked, a boolean mask
-        # of the original self-loops, which must have no effect.
+        # of the original self-loops. The original self-loops must have no effect.
         edge_index = as_long(edge_index)
         if not self.add_self_loops:
             return *_as_edges(edge_index, edge_attr), None
@@ -245,7 +246,8 @@ class StaticAttention(ExplainablePropagate, MessagePassing):
     ) -> Tensor:
         fill, size = self.fill_value, (num_nodes, *edge_attr.shape[1:])
         if isinstance(fill, str):
-            # The features of original self-loops go to an extra last entry, which is dropped.
+            # The features of original self-loops are written to an extra last entry, which is
+            # discarded.
             indices = edge_index[1].masked_fill(is_loop, num_nodes)
             return scatter(edge_attr, indices, dim_size=num_nodes + 1, reduce=fill)[:-1]
         if isinstance(fill, Tensor):
@@ -257,7 +259,7 @@ class StaticAttention(ExplainablePropagate, MessagePassing):
     def _masked_softmax(
         self, logits: Tensor, index: Tensor, num_nodes: int, is_removed: Tensor
     ) -> Tensor:
-        # As PyG's `edge_update`, but with zero coefficients for removed edges.
+        # Like PyG's `edge_update`, but with zero coefficients for removed edges.
         is_removed = is_removed.view(-1, *[1] * (logits.dim() - 1))
         alpha = softmax(logits.masked_fill(is_removed, -torch.inf), index, num_nodes=num_nodes)
         return F.dropout(alpha, self.dropout, self.training)
@@ -267,7 +269,8 @@ class StaticAttention(ExplainablePropagate, MessagePassing):
         return x.view(*x.shape[:2], self.heads, self.out_channels).transpose(0, 1)
 
     def _combine_heads(self, out: Tensor, residual: OptTensor) -> Tensor:
-        # Concatenates or averages the heads of sums (..., H, C), and adds residual and bias.
+        # Concatenates or averages the heads of sums (..., H, C), then adds the residual and the
+        # bias.
         out = out.flatten(-2) if self.concat else out.mean(dim=-2)
         for term in (residual, self.bias):
             out = out if term is None else out + term
@@ -310,8 +313,9 @@ def check_attention_input(
 
 
 def as_long(edge_index: Adj) -> Adj:
-    r"""Returns edges as 64-bit integers, the only type that PyG's messages support on a processor.
-    Sparse matrices, whose indices are sorted, and :class:`~torch_geometric.EdgeIndex` keep theirs.
+    r"""Returns edges as 64-bit integers, which is the only type that PyG's messages support on a
+    CPU. Sparse matrices and :class:`~torch_geometric.EdgeIndex` keep their type. The indices of
+    sparse matrices are sorted.
     """
     if is_torch_sparse_tensor(edge_index) or isinstance(edge_index, EdgeIndex):
         return sorted_form(edge_index)

@@ -11,23 +11,25 @@ from torch_geometric_tactile.nn._sizes import check_sizes
 
 class CausalTemporalConv(Module):
     r"""A dilated convolution over the frames of each taxel, or of any other sequence, that uses
-    only present and past frames.
+    only the current frame and past frames.
 
     .. math::
         \mathbf{x}'_t = \mathbf{b} + \sum_{j=0}^{K-1} \mathbf{W}_j \, \mathbf{x}_{t - (K - 1 - j) D}
 
-    with kernel size :math:`K` and dilation :math:`D`. Frames before the first are zero. It equals
-    :class:`torch.nn.Conv1d` with zero padding on the left, but time comes before the features, as
-    in the output of :func:`~torch_geometric_tactile.data.split_frames`.
+    with kernel size :math:`K` and dilation :math:`D`. Frames before the first frame are zero. The
+    layer is equivalent to :class:`torch.nn.Conv1d` with zero padding on the left, except that time
+    comes before the features, as in the output of
+    :func:`~torch_geometric_tactile.data.split_frames`.
 
-    :meth:`step` processes one frame at a time. Its state is a tensor of the last :math:`(K - 1) D`
-    frames. Starting from :meth:`initial_state`, its results equal those of :meth:`forward`.
+    :meth:`step` processes one frame at a time. Its state is a tensor with the last
+    :math:`(K - 1) D` frames. Starting from :meth:`initial_state`, it returns the same features as
+    :meth:`forward`.
 
     Args:
         in_channels (int): Size of each input feature.
         out_channels (int): Size of each output feature.
         kernel_size (int): Number of frames in the kernel :math:`K`.
-        dilation (int): Distance between the kernel's frames :math:`D`.
+        dilation (int): Distance between the frames of the kernel :math:`D`.
         bias (bool): Whether to add a learnable bias.
 
     Shapes:
@@ -37,7 +39,7 @@ class CausalTemporalConv(Module):
           :math:`(*, F_{out})` and the next state
 
     Raises:
-        ValueError: If a size is below one, or :obj:`x` or :obj:`state` has another shape.
+        ValueError: If a size is below one, or :obj:`x` or :obj:`state` has the wrong shape.
 
     Examples:
         >>> conv = CausalTemporalConv(3, 8, kernel_size=3, dilation=2)
@@ -70,7 +72,7 @@ class CausalTemporalConv(Module):
         self.out_channels = out_channels
         self.kernel_size = kernel_size
         self.dilation = dilation
-        # The weight of the present frame is the last.
+        # The last weight is for the current frame.
         self.weight = Parameter(torch.empty(kernel_size, in_channels, out_channels))
         if bias:
             self.bias = Parameter(torch.empty(out_channels))
@@ -89,17 +91,19 @@ class CausalTemporalConv(Module):
         zeros(self.bias)
 
     def forward(self, x: Tensor, *, spacing: int = 1, stride: int = 1) -> Tensor:
-        r"""Returns the convolved features of all frames, or of every :obj:`stride`-th frame.
+        r"""Returns the features after the convolution, for all frames or for every :obj:`stride`-th
+        frame.
 
-        The output at the last frame depends only on some frames of earlier layers. If each dilation
-        is a multiple of the one before, a layer can return only these frames with :obj:`stride`,
-        and the next layer takes them with the same :obj:`spacing`.
+        In a stack of layers, the output at the last frame depends on only some frames of the
+        earlier layers. If each dilation is a multiple of the previous dilation, a layer can compute
+        only these frames with :obj:`stride`. The next layer must then be called with :obj:`spacing`
+        set to the same number.
 
         Args:
             x (torch.Tensor): Features.
             spacing (int): Distance between the input frames. It must divide the dilation.
-            stride (int): Distance between the output frames in input frames, counted back from the
-                last.
+            stride (int): Distance between the output frames in input frames, counted backwards from
+                the last frame.
         """
         if x.dim() < 2 or x.size(-1) != self.in_channels:
             raise ValueError(
@@ -119,18 +123,20 @@ class CausalTemporalConv(Module):
         device: torch.device | str | None = None,
         dtype: torch.dtype | None = None,
     ) -> Tensor:
-        r"""Returns the state before the first frame, a tensor of zeros.
+        r"""Returns the state before the first frame, which is a tensor of zeros.
 
         Args:
             *sizes (int): Leading sizes :math:`*`.
-            device (torch.device, optional): Device of the state. Defaults to that of the weights.
-            dtype (torch.dtype, optional): Data type of the state. Defaults to that of the weights.
+            device (torch.device, optional): Device of the state. Defaults to the device of the
+                weights.
+            dtype (torch.dtype, optional): Data type of the state. Defaults to the data type of the
+                weights.
         """
         size = (*sizes, self.num_past, self.in_channels)
         return self.weight.new_zeros(size, device=device, dtype=dtype)
 
     def step(self, x: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
-        r"""Returns the convolved features of the next frame, and the next state.
+        r"""Returns the features of the next frame after the convolution, and the next state.
 
         Args:
             x (torch.Tensor): Features of the frame.
@@ -148,8 +154,9 @@ class CausalTemporalConv(Module):
         return self._product(rows, starts, 1, 1).squeeze(-2), rows[..., 1:, :]
 
     def _product(self, rows: Tensor, starts: range, num_frames: int, stride: int) -> Tensor:
-        # `rows` are the past frames and then `num_frames` frames, of which the last and every
-        # `stride`-th before it are computed. `starts` are the offsets of the kernel's frames.
+        # `rows` holds the past frames, followed by `num_frames` frames. The output is computed for
+        # the last frame and every `stride`-th frame before it. `starts` holds the offsets of the
+        # kernel's frames.
         first = (num_frames - 1) % stride
         slices = [rows[..., start + first : start + num_frames : stride, :] for start in starts]
         return F.linear(torch.cat(slices, dim=-1), self.weight.flatten(0, 1).t(), self.bias)

@@ -1,4 +1,4 @@
-r"""The edge feature encoder of the paper."""
+r"""The edge feature encoder from the paper."""
 
 from typing import Optional
 
@@ -12,16 +12,17 @@ from torch_geometric_tactile.nn.conv._lazy_weight import lazy_linear
 
 
 class EdgeFeatureEncoder(torch.nn.Module):
-    r"""The edge feature encoder of the "Tactile Object Property Recognition using Geometrical Graph
-    Edge Features and Multi-Thread Graph Convolutional Network" paper: one linear map from the
-    features of all edges to those of all taxels.
+    r"""The edge feature encoder from the "Tactile Object Property Recognition using Geometrical
+    Graph Edge Features and Multi-Thread Graph Convolutional Network" paper: one linear map from the
+    features of all edges to the features of all taxels.
 
     .. math::
         \mathrm{vec}(\mathbf{H}) = \mathbf{W} \, \mathrm{vec}(\mathbf{E}) + \mathbf{b}
 
-    Each edge has its own weights, so that the encoder is for one topology with a fixed order of
-    edges. Unlike :class:`EdgeMessageEncoder`, it is not permutation equivariant. For the hand of
-    the paper, it has :math:`1401 \cdot 4 \cdot 384 \cdot 4 + 1536 = 8\,609\,280` parameters.
+    Each edge has separate weights, so that the encoder supports only one topology with a fixed
+    order of edges. Unlike :class:`EdgeMessageEncoder`, it is not permutation equivariant. For the
+    hand in the paper, it has :math:`1401 \cdot 4 \cdot 384 \cdot 4 + 1536 = 8\,609\,280`
+    parameters.
 
     Args:
         num_nodes (int): Number of taxels :math:`N`.
@@ -31,11 +32,11 @@ class EdgeFeatureEncoder(torch.nn.Module):
 
     Shapes:
         - **input:** edge features, in metres or scaled, :math:`(|\mathcal{E}|, D)`,
-          :math:`(B, |\mathcal{E}|, D)` or those of a PyG batch :math:`(B \cdot |\mathcal{E}|, D)`
+          :math:`(B, |\mathcal{E}|, D)` or, for a PyG batch, :math:`(B \cdot |\mathcal{E}|, D)`
         - **output:** node features :math:`(N, F)`, :math:`(B, N, F)` or :math:`(B \cdot N, F)`
 
     Raises:
-        ValueError: If a size is below one, or :obj:`edge_attr` has another number of edges or
+        ValueError: If a size is below one, or :obj:`edge_attr` has the wrong number of edges or
             features.
 
     Examples:

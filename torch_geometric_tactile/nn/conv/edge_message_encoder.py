@@ -22,32 +22,32 @@ from torch_geometric_tactile.nn.conv._lazy_weight import lazy_linear
 
 
 class EdgeMessageEncoder(ExplainablePropagate, MessagePassing):
-    r"""Encodes the features of each edge by a small network, and aggregates them at the target.
+    r"""Encodes the features of each edge with a small network, and aggregates the results at the
+    target.
 
     .. math::
         \mathbf{h}_i = \mathrm{aggr}_{j \in \mathcal{N}(i)} \, \mathrm{MLP}(\mathbf{e}_{ij})
 
     This variant of the paper's :class:`EdgeFeatureEncoder` is not from the paper. All edges share
-    the weights, so that it supports any graph and is permutation equivariant. Taxels without edges
-    get zeros.
+    the weights, so that the encoder supports any graph and is permutation equivariant. The output
+    is zero for taxels without edges.
 
     Args:
         edge_dim (int): Size of each edge feature :math:`D`, or -1 to infer it from the first input.
         out_channels (int): Size of each output feature.
-        hidden_channels (int): Width of the network's hidden layer.
+        hidden_channels (int): Width of the hidden layer.
         aggr (str): Aggregation of the messages at the target, as in PyG.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
-        - **input:** edge features :math:`(|\mathcal{E}|, D)`, :math:`(B, |\mathcal{E}|, D)` or
-          those of a PyG batch :math:`(B \cdot |\mathcal{E}|, D)`, edges
-          :math:`(2, |\mathcal{E}|)`
+        - **input:** edge features :math:`(|\mathcal{E}|, D)`, :math:`(B, |\mathcal{E}|, D)` or, for
+          a PyG batch, :math:`(B \cdot |\mathcal{E}|, D)`, edges :math:`(2, |\mathcal{E}|)`
         - **output:** node features :math:`(N, F)`, :math:`(B, N, F)` or :math:`(B \cdot N, F)`
 
     Raises:
-        ValueError: If :obj:`edge_attr` has another number of features, or another number of edges
-            than :obj:`edge_index`, or if :obj:`edge_index` is sparse or has another shape, no
-            integers or indices out of range.
+        ValueError: If :obj:`edge_attr` has the wrong number of features or does not match the
+            number of edges in :obj:`edge_index`; or if :obj:`edge_index` is sparse, has the wrong
+            shape, does not hold integers or has indices out of range.
 
     Examples:
         >>> encoder = EdgeMessageEncoder(edge_dim=4, out_channels=4)
@@ -110,7 +110,8 @@ class EdgeMessageEncoder(ExplainablePropagate, MessagePassing):
         check_edge_features(edge_attr, self.edge_dim)
         if num_nodes is None:
             num_nodes = int(edge_index.max()) + 1 if num_edges else 0
-        # Messages are computed from edges only, so that a source out of range raises no error.
+        # Messages are computed from edge features only, so a source out of range would raise no
+        # error.
         self._check(edge_index, num_nodes)
         return num_nodes
 
@@ -136,8 +137,8 @@ class EdgeMessageEncoder(ExplainablePropagate, MessagePassing):
 
 
 class EdgeAttentionEncoder(EdgeMessageEncoder):
-    r"""Encodes the features of each edge by a small network, and adds them up at the target,
-    weighted by attention.
+    r"""Encodes the features of each edge with a small network, and sums the results at the target,
+    weighted by attention coefficients.
 
     .. math::
         \mathbf{h}_i = \sum_{j \in \mathcal{N}(i)} \alpha_{ij} \mathbf{m}_{ij}, \qquad
@@ -150,15 +151,15 @@ class EdgeAttentionEncoder(EdgeMessageEncoder):
     Args:
         edge_dim (int): Size of each edge feature :math:`D`, or -1 to infer it from the first input.
         out_channels (int): Size of each output feature.
-        hidden_channels (int): Width of the network's hidden layer.
+        hidden_channels (int): Width of the hidden layer.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
-        - **input:** as :class:`EdgeMessageEncoder`
-        - **output:** as :class:`EdgeMessageEncoder`
+        - **input:** same as for :class:`EdgeMessageEncoder`
+        - **output:** same as for :class:`EdgeMessageEncoder`
 
     Raises:
-        ValueError: As :class:`EdgeMessageEncoder`.
+        ValueError: In the same cases as :class:`EdgeMessageEncoder`.
 
     Examples:
         >>> EdgeAttentionEncoder(edge_dim=4, out_channels=4)
@@ -192,8 +193,8 @@ class EdgeAttentionEncoder(EdgeMessageEncoder):
 
 
 class EdgePatchEncoder(EdgeMessageEncoder):
-    r"""Encodes the features of edges within a patch by one small network and those of edges between
-    patches by another, and aggregates them at the target.
+    r"""Encodes the features of edges within a patch with one small network and the features of
+    edges between patches with another, and aggregates the results at the target.
 
     .. math::
         \mathbf{h}_i = \mathrm{aggr}_{j \in \mathcal{N}(i)}
@@ -203,24 +204,24 @@ class EdgePatchEncoder(EdgeMessageEncoder):
         \end{cases}
 
     This variant of the paper's :class:`EdgeFeatureEncoder` is not from the paper. It is motivated
-    by the paper's finding that the encoder distinguishes both kinds of edges.
+    by the paper's finding that the encoder distinguishes these two kinds of edges.
 
     Args:
         segment (sequence of int or torch.Tensor): Patch :math:`s_i` of each taxel :math:`(N,)`, as
             returned by :obj:`layout.segments("patch")`.
         edge_dim (int): Size of each edge feature :math:`D`, or -1 to infer it from the first input.
         out_channels (int): Size of each output feature.
-        hidden_channels (int): Width of the networks' hidden layers.
+        hidden_channels (int): Width of the hidden layer in both networks.
         aggr (str): Aggregation of the messages at the target, as in PyG.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
-        - **input:** as :class:`EdgeMessageEncoder`
-        - **output:** as :class:`EdgeMessageEncoder`
+        - **input:** same as for :class:`EdgeMessageEncoder`
+        - **output:** same as for :class:`EdgeMessageEncoder`
 
     Raises:
-        ValueError: As :class:`EdgeMessageEncoder`, or if the number of taxels is not a multiple of
-            the length of :obj:`segment`.
+        ValueError: In the same cases as :class:`EdgeMessageEncoder`, or if the number of taxels is
+            not a multiple of the length of :obj:`segment`.
 
     Examples:
         >>> encoder = EdgePatchEncoder([0, 0, 1])
@@ -253,14 +254,14 @@ class EdgePatchEncoder(EdgeMessageEncoder):
         reset(self.mlp_between)
 
     def encode(self, edge_attr: Tensor, edge_index: Tensor, num_nodes: int) -> Tensor:
-        r"""Returns the message of each edge, from the network for its kind of edge.
+        r"""Returns the message of each edge, computed by the network for this kind of edge.
 
         Args:
             edge_attr (torch.Tensor): Edge features.
             edge_index (torch.Tensor): Edges.
             num_nodes (int): Number of taxels.
         """
-        # The modulo maps the taxels of a PyG batch to those of one sample.
+        # The modulo maps the taxels of a PyG batch to the taxels of one sample.
         segment = self.segment[edge_index % len(self.segment)]
         is_within = (segment[0] == segment[1]).unsqueeze(-1)
         return torch.where(is_within, self.mlp(edge_attr), self.mlp_between(edge_attr))
@@ -274,7 +275,7 @@ class EdgePatchEncoder(EdgeMessageEncoder):
             edge_attr (torch.Tensor): Edge features.
             edge_index (torch.Tensor): Edges.
             num_nodes (int, optional): Number of taxels in all samples of a PyG batch. Defaults to
-                that of one sample.
+                the number of taxels in one sample.
         """
         num_nodes = len(self.segment) if num_nodes is None else num_nodes
         if num_nodes % len(self.segment):

@@ -1,4 +1,4 @@
-r"""A graph convolution with a weight for each direction."""
+r"""A graph convolution with a separate weight for each direction."""
 
 from typing import Any, NamedTuple, Optional
 
@@ -28,10 +28,11 @@ from torch_geometric_tactile.nn.conv._lazy_weight import LazyWeight
 from torch_geometric_tactile.nn.conv._plain import is_static_batch, sums_messages
 from torch_geometric_tactile.nn.conv._static_adjacency import all_finite
 
-# Size of a block of copied neighbours, which stays in a processor's second-level cache.
+# Size of a block of copied neighbours, which fits in a CPU's second-level cache.
 _BLOCK_BYTES = 2**19
-# Up to this size, all neighbours are copied at once, for fewer and larger products. With few
-# channels, products of blocks are so small that one large copy is faster up to a higher limit.
+# Up to this size, all neighbours are copied at once, so that there are fewer and larger products.
+# With few channels, the products of blocks are so small that one large copy is faster up to a
+# higher limit.
 _COPY_BYTES = 2**22
 _NARROW_COPY_BYTES = 2**25
 _MAX_NARROW_CHANNELS = 4
@@ -43,7 +44,7 @@ _MAX_BLOCK_SIZES = 16
 
 class SectorConv(LazyWeight, ExplainablePropagate, MessagePassing):
     r"""A graph convolution with separate weights for the taxel itself and for the neighbour in each
-    direction. It corresponds to a :math:`3 \times 3` convolution of images, on any layout.
+    direction. It is the counterpart of a :math:`3 \times 3` image convolution for any layout.
 
     .. math::
         \mathbf{x}'_i = \mathbf{W}_{\mathrm{self}} \mathbf{x}_i + \mathbf{b} +
@@ -51,36 +52,38 @@ class SectorConv(LazyWeight, ExplainablePropagate, MessagePassing):
 
     where :math:`n(i, s)` is the neighbour of taxel :math:`i` in sector :math:`s` of its tangent
     plane, as computed by :func:`~torch_geometric_tactile.sensors.sector_edges`. An empty sector
-    contributes zero, and several neighbours in one sector are added up. On a grid whose pitches
-    differ by at most a factor of two, eight sectors give the same results as
+    contributes zero, and multiple neighbours in one sector are summed. On a grid whose pitches
+    differ by at most a factor of two, the layer with eight sectors returns the same results as
     :class:`torch.nn.Conv2d` with a :math:`3 \times 3` kernel and zero padding.
 
-    For samples on one topology :math:`(B, N, F)` on a processor, the features of neighbours are
-    multiplied sector by sector, and the sorted edges are cached while they stay the same. On a
-    grid, images are convolved, which is twice as fast again. Messages are passed along edges for a
-    single sample or a PyG batch :math:`(N, F)`, for fewer than eight samples of many taxels, on
-    other devices, with :obj:`fast=False`, and if an explainer, a hook or a subclass needs them.
+    For samples on one topology :math:`(B, N, F)` on a CPU, the features of neighbours are
+    multiplied sector by sector. The sorted edges are cached as long as they do not change. On a
+    grid, an image convolution is used, which is twice as fast again.
+
+    Messages are passed along edges in all other cases: for a single sample or a PyG batch
+    :math:`(N, F)`, for fewer than eight samples with many taxels, on other devices, with
+    :obj:`fast=False`, and if an explainer, a hook or a subclass needs the messages.
 
     Args:
         in_channels (int): Size of each input feature, or -1 to infer it from the first input.
         out_channels (int): Size of each output feature.
         num_sectors (int): Number of sectors :math:`S`.
         bias (bool): Whether to add a learnable bias.
-        fast (bool): Whether to multiply sector by sector if it is faster. This has no second
-            derivative.
-        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`, except for
+        fast (bool): Whether to multiply sector by sector if this is faster. Second derivatives are
+            then not supported.
+        **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`, except
             :obj:`flow`.
 
     Shapes:
-        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
-          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)`, sectors
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,
+          :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)`, sectors
           :math:`(|\mathcal{E}|,)`
-        - **output:** node features of the same leading shape, :math:`F_{out}` wide
+        - **output:** node features with the same leading shape and width :math:`F_{out}`
 
     Raises:
-        ValueError: If a size is below one, :obj:`x` has another number of features,
-            :obj:`edge_index` has another shape, no integers or indices out of range, or
-            :obj:`edge_sector` does not hold a sector for each edge.
+        ValueError: If a size is below one, :obj:`x` has the wrong number of features,
+            :obj:`edge_index` has the wrong shape, does not hold integers or has indices out of
+            range, or :obj:`edge_sector` does not hold a sector for each edge.
 
     Examples:
         >>> conv = SectorConv(3, 8, num_sectors=4)
@@ -102,13 +105,13 @@ class SectorConv(LazyWeight, ExplainablePropagate, MessagePassing):
     ) -> None:
         if "flow" in kwargs:
             raise ValueError(
-                "'flow' must be left out: edges run from the neighbour to the taxel (got "
+                "'flow' must be left out: edges always point from the neighbour to the taxel (got "
                 f"{kwargs['flow']!r})"
             )
         if kwargs.get("decomposed_layers", 1) != 1:
             raise ValueError(
-                "'decomposed_layers' must be 1, since features of a sector cannot be split (got "
-                f"{kwargs['decomposed_layers']})"
+                "'decomposed_layers' must be 1, since the features of a sector cannot be split "
+                f"(got {kwargs['decomposed_layers']})"
             )
         super().__init__(**{"aggr": "add", **kwargs})
         check_conv_sizes(
@@ -117,7 +120,7 @@ class SectorConv(LazyWeight, ExplainablePropagate, MessagePassing):
         self.out_channels = out_channels
         self.num_sectors = num_sectors
         self.fast = fast
-        # The weight of the taxel itself is the first.
+        # The first weight is for the taxel itself.
         self._add_weight(in_channels)
         if bias:
             self.bias = Parameter(torch.empty(out_channels))
@@ -142,12 +145,13 @@ class SectorConv(LazyWeight, ExplainablePropagate, MessagePassing):
         return 1 + self.num_sectors, in_channels, self.out_channels
 
     def forward(self, x: Tensor, edge_index: Adj, edge_sector: Tensor) -> Tensor:
-        r"""Returns the convolved node features.
+        r"""Returns the node features after the convolution.
 
         Args:
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges from the neighbour to the taxel.
-            edge_sector (torch.Tensor): Sector of the taxel in which the neighbour of each edge is.
+            edge_sector (torch.Tensor): Index of the taxel's sector that contains the neighbour, for
+                each edge.
         """
         check_tensor(x)
         self._initialize_weight(x)
@@ -168,7 +172,7 @@ class SectorConv(LazyWeight, ExplainablePropagate, MessagePassing):
         return self.fast and is_static_batch(x) and type(self) is SectorConv and sums_messages(self)
 
     def _convolve_edges(self, x: Tensor, edge_index: Adj, edge_sector: Tensor) -> Tensor:
-        # Passes messages on a bipartite graph, whose targets are the sectors of all taxels.
+        # Passes messages on a bipartite graph. Its targets are the sectors of all taxels.
         num_nodes, num_targets = x.size(-2), x.size(-2) * self.num_sectors
         source, target = edge_index.long()
         sector_edges = torch.stack([source, target * self.num_sectors + edge_sector.long()])
@@ -190,7 +194,7 @@ class SectorConv(LazyWeight, ExplainablePropagate, MessagePassing):
 
 class _SectorImage(NamedTuple):
     r"""An image whose pixels, row by row, are the nodes, and whose directions are the sectors. The
-    sum over sectors is then a convolution of images, for which PyTorch has fast kernels.
+    sum over sectors is then an image convolution, for which PyTorch has fast kernels.
     """
 
     rows: int
@@ -202,8 +206,8 @@ class _SectorImage(NamedTuple):
     def from_edges(
         cls, source: Tensor, target: Tensor, sector: Tensor, num_nodes: int
     ) -> Optional["_SectorImage"]:
-        r"""Returns the image that edges describe, or :obj:`None` if there is none. In an image,
-        edges join all pairs of direct neighbours and no others, and each sector is one direction.
+        r"""Returns the image that is equivalent to edges, or :obj:`None` if there is none. In an
+        image, edges join exactly the pairs of direct neighbours, and each sector is one direction.
 
         Shapes:
             - **source, target, sector:** Ends and sectors of the edges :math:`(|\mathcal{E}|,)`.
@@ -218,7 +222,8 @@ class _SectorImage(NamedTuple):
         if not steps:
             return None
         # A step to the next row changes the index by the width of the image, plus or minus one for
-        # diagonal steps. Steps within a single row leave the width open, so all nodes are tried.
+        # diagonal steps. Steps within a single row do not determine the width, so the number of
+        # nodes is tried as well.
         widths = {abs(step) + diagonal for step in steps.values() for diagonal in (-1, 0, 1)}
         for cols in sorted({*widths, num_nodes}):
             if cols > 2 and num_nodes % cols == 0:
@@ -231,7 +236,7 @@ class _SectorImage(NamedTuple):
     def _with_width(
         cls, steps: dict[int, int], target: Tensor, sector: Tensor, rows: int, cols: int
     ) -> Optional["_SectorImage"]:
-        # The image of this size, or None if the edges are not those of its pixels.
+        # Returns the image of this size, or None if the edges do not match its pixels.
         kernel_indices = []
         for sector_index, step in steps.items():
             row_step = round(step / cols)
@@ -240,7 +245,7 @@ class _SectorImage(NamedTuple):
                 return None
             targets = target[sector == sector_index]
             source_cols = targets % cols + col_step
-            is_inside = (source_cols >= 0) & (source_cols < cols)  # implies a row inside as well
+            is_inside = (source_cols >= 0) & (source_cols < cols)  # the row is then inside as well
             num_pairs = (rows - abs(row_step)) * (cols - abs(col_step))
             if (
                 not bool(is_inside.all())
@@ -252,12 +257,12 @@ class _SectorImage(NamedTuple):
         return cls(rows, cols, tuple(steps), tuple(kernel_indices))
 
     def product(self, x: Tensor, weight: Tensor, bias: OptTensor) -> Tensor:
-        r"""Returns the sum of each node's features and those of its neighbours, each multiplied by
-        the matrix of its sector :math:`(B, N, O)`.
+        r"""Returns the sum of the features of each node and its neighbours, each multiplied by the
+        matrix of its sector :math:`(B, N, O)`.
 
         Shapes:
             - **x:** Node features :math:`(B, N, F)`.
-            - **weight:** Matrices :math:`(1 + S, F, O)`, first that of the node itself.
+            - **weight:** Matrices :math:`(1 + S, F, O)`. The first matrix is for the node itself.
             - **bias:** Biases :math:`(O,)`.
         """
         kernel = weight.new_zeros(9, *weight.shape[1:])
@@ -265,7 +270,7 @@ class _SectorImage(NamedTuple):
         # The centre of the kernel is at index 4.
         kernel = kernel.index_add(0, torch.tensor([4, *self.kernel_indices]), weight[used_weights])
         kernel = kernel.view(3, 3, *weight.shape[1:]).permute(3, 2, 0, 1)
-        # Nodes are stored pixel by pixel, so that channels-last images are views without a copy.
+        # Nodes are stored pixel by pixel, so that channels-last images are views that need no copy.
         image = x.contiguous().view(len(x), self.rows, self.cols, -1).permute(0, 3, 1, 2)
         out = F.conv2d(image, kernel, bias, padding=1)
         return out.permute(0, 2, 3, 1).reshape(len(x), self.rows * self.cols, -1)
@@ -301,7 +306,7 @@ class _SectorTable:
         self._blocks: dict[int, list[tuple[int, int, list[_SectorBlock]]]] = {}
 
     def blocks(self, size: int) -> list[tuple[int, int, list[_SectorBlock]]]:
-        r"""Returns the cached start, end and edges of each block.
+        r"""Returns the start, end and edges of each block, and caches them.
 
         Args:
             size (int): Number of taxels in a block.
@@ -309,7 +314,7 @@ class _SectorTable:
         blocks = self._blocks.get(size)
         if blocks is None:
             if len(self._blocks) >= _MAX_BLOCK_SIZES:
-                self._blocks = {}  # not cleared in place: another thread may be reading it
+                self._blocks = {}  # replaced, not cleared: another thread may be reading it
             with torch.inference_mode(False):
                 starts = range(0, self.num_nodes, size)
                 blocks = [self._block(start, min(start + size, self.num_nodes)) for start in starts]
@@ -317,8 +322,9 @@ class _SectorTable:
         return blocks
 
     def _neighbors(self, num_sectors: int) -> Optional[Tensor]:
-        # Indices (N * (1 + S),) of each taxel and of its neighbour in each sector. N stands for no
-        # neighbour. Returns None if a sector of a taxel has several neighbours.
+        # Returns the indices (N * (1 + S),) of each taxel and of its neighbour in each sector. The
+        # index N means that there is no neighbour. Returns None if a sector of a taxel has multiple
+        # neighbours.
         index = self.target * (1 + num_sectors) + 1 + self.sector
         if len(index.unique()) < len(index):
             return None
@@ -340,7 +346,7 @@ class _SectorTable:
 
 
 class _SectorCache(EdgeCache[_SectorTable]):
-    r"""A cache of the table of the last topology."""
+    r"""A cache that holds the table of the last topology."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -349,7 +355,7 @@ class _SectorCache(EdgeCache[_SectorTable]):
     def get(
         self, edge_index: Tensor, edge_sector: Tensor, num_nodes: int, num_sectors: int
     ) -> Optional[_SectorTable]:
-        r"""Returns the table of a topology, or :obj:`None` if it may not be cached.
+        r"""Returns the table of a topology, or :obj:`None` if the table may not be cached.
 
         Args:
             edge_index (torch.Tensor): Edges :math:`(2, |\mathcal{E}|)`.
@@ -397,7 +403,8 @@ class _SectorCheck(TensorCheck):
             )
         if dtype.is_floating_point or dtype.is_complex or dtype == torch.bool:
             raise ValueError(f"'edge_sector' must hold integers (got {dtype})")
-        # On a processor, the check is cheap, and a NumPy array may write to the memory unnoticed.
+        # On a CPU, the check is cheap, and the memory may be changed unnoticed through a NumPy
+        # array.
         if edge_sector.is_cpu:
             _check_sector_values(edge_sector, num_sectors)
         else:
@@ -415,7 +422,7 @@ def _check_sector_values(edge_sector: Tensor, num_sectors: int) -> None:
 
 
 def _is_product_faster(x: Tensor, table: _SectorTable) -> bool:
-    r"""Returns whether :func:`sector_product` is faster than messages, which is the case for many
+    r"""Returns whether :func:`_sector_product` is faster than messages. This is the case for many
     samples, for images, and if all neighbours may be copied at once.
 
     Shapes:
@@ -425,26 +432,26 @@ def _is_product_faster(x: Tensor, table: _SectorTable) -> bool:
 
 
 def _sector_product(x: Tensor, table: _SectorTable, weight: Tensor, bias: OptTensor) -> Tensor:
-    r"""Returns the sum of each taxel's features and those of its neighbours, each multiplied by the
+    r"""Returns the sum of the features of each taxel and its neighbours, each multiplied by the
     matrix of its sector.
 
-    The sum is a convolution of images if the taxels are the pixels of an image, and a single
-    product if a copy of all neighbours is small. Otherwise, neighbours are copied block by block,
-    so that the copies stay in the cache. The backward pass then copies them again, and there is no
-    second derivative.
+    If the taxels are the pixels of an image, the sum is computed by an image convolution. If a copy
+    of all neighbours is small, the sum is computed by a single product. Otherwise, neighbours are
+    copied block by block, so that the copies stay in the cache. The backward pass then copies them
+    again, and second derivatives are not supported.
 
     Shapes:
         - **input:** features :math:`(B, N, F)`, weights :math:`(1 + S, F, O)`, biases :math:`(O,)`
         - **output:** :math:`(B, N, O)`, or a view of :math:`(N, B, O)`
     """
     with torch.autocast(x.device.type, enabled=False):  # in full precision
-        # The kernel of an image has zeros for missing sectors, and zero times infinity is NaN. So
-        # images with infinite or missing readings are not convolved.
+        # The kernel of an image has zeros for missing sectors, and zero times infinity is NaN.
+        # Therefore, images with infinite or missing readings are not convolved.
         if table.image is not None and all_finite(x):
             return table.image.product(x, weight, bias)
         if _is_copy_small(x, table):
             assert table.neighbors is not None
-            # The appended row of zeros stands for missing neighbours.
+            # The appended row of zeros is used for missing neighbours.
             rows = F.pad(x, (0, 0, 0, 1)).index_select(1, table.neighbors)
             rows = rows.view(*x.shape[:2], weight.size(0) * x.size(2))
             return F.linear(rows, weight.flatten(0, 1).t(), bias)
@@ -460,10 +467,10 @@ def _is_copy_small(x: Tensor, table: _SectorTable) -> bool:
 
 
 class _SectorProduct(Function):
-    # Activations are stored as (N, B, F). The features of a neighbour in all samples are then
-    # contiguous, so that they are copied quickly, and the linear map of a sector is one product for
-    # many taxels and samples. Computes in full precision under autocast as well, which would cast
-    # only some of the products.
+    # Activations are stored as (N, B, F). The features of a neighbour are then contiguous over all
+    # samples, so that copying is fast, and the linear map of a sector is one product for many
+    # taxels and samples. Computes in full precision even under autocast, which would cast only some
+    # of the products.
     @staticmethod
     @custom_fwd(device_type="cpu", cast_inputs=torch.float32)
     def forward(ctx: Any, h: Tensor, weight: Tensor, bias: Tensor, table: _SectorTable) -> Tensor:

@@ -37,39 +37,40 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
 
 
 class SegmentedGCNConv(LazyWeight, ExplainablePropagate, MessagePassing):
-    r"""A graph convolution within each segment of a hand, with separate weights, as in the
-    "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional Networks using
-    Topological Graph Segmentation" paper (eq. 2 and 3), without its activation.
+    r"""A graph convolution within each segment of a hand, with separate weights for each segment,
+    as in the "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional
+    Networks using Topological Graph Segmentation" paper (eq. 2 and 3), but without the activation.
 
     .. math::
         \mathbf{X}'_s = \hat{\mathbf{A}}_s \mathbf{X}_s \mathbf{W}_s + \mathbf{b}_s
 
-    It equals one :class:`~torch_geometric.nn.GCNConv` for each segment on its induced subgraph, so
-    that edges between segments are ignored. Many samples on one topology :math:`(B, N, F)` are
-    multiplied by a matrix, which is sparse on a processor and dense on a GPU for up to 1024 taxels.
-    It is cached while edges and weights stay the same, as in
-    :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv`. Otherwise, messages are passed along
-    edges.
+    The layer is equivalent to one :class:`~torch_geometric.nn.GCNConv` for each segment, applied to
+    the induced subgraph of the segment. Edges between segments are ignored.
+
+    Many samples on one topology :math:`(B, N, F)` are multiplied by a matrix, which is sparse on a
+    CPU, and dense on a GPU for up to 1024 taxels. The matrix is cached as long as edges and weights
+    do not change, as in :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv`. In all other
+    cases, messages are passed along edges.
 
     Args:
-        segment (sequence of int or torch.Tensor): Segment of each taxel :math:`(N,)`, numbered from
-            zero without gaps, as returned by :obj:`layout.segments("patch")`.
+        segment (sequence of int or torch.Tensor): Index of each taxel's segment :math:`(N,)`,
+            numbered from zero without gaps, as returned by :obj:`layout.segments("patch")`.
         in_channels (int): Size of each input feature, or -1 to infer it from the first input.
         out_channels (int): Size of each output feature.
         bias (bool): Whether to add learnable biases.
-        fast (bool): Whether to multiply samples on one topology by a matrix.
+        fast (bool): Whether to propagate samples on one topology with a matrix product.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
-        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
-          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,
+          :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
           :math:`(N, N)` of targets and sources, optional edge weights :math:`(|\mathcal{E}|,)`
-        - **output:** node features of the same leading shape, :math:`F_{out}` wide
+        - **output:** node features with the same leading shape and width :math:`F_{out}`
 
     Raises:
-        ValueError: If :obj:`segment` has gaps, a size is below one, :obj:`x` has another number of
-            taxels or features, :obj:`edge_index` has another shape, no integers or indices out of
-            range, or :obj:`edge_weight` does not hold one real number per edge.
+        ValueError: If :obj:`segment` has gaps, a size is below one, :obj:`x` has the wrong number
+            of taxels or features, :obj:`edge_index` has the wrong shape, does not hold integers or
+            has indices out of range, or :obj:`edge_weight` does not hold one real number per edge.
 
     Examples:
         >>> conv = SegmentedGCNConv([0, 0, 1], 3, 8)
@@ -132,21 +133,21 @@ class SegmentedGCNConv(LazyWeight, ExplainablePropagate, MessagePassing):
         return self.num_segments, self.out_channels, in_channels
 
     def forward(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor = None) -> Tensor:
-        r"""Returns the convolved node features.
+        r"""Returns the node features after the convolution.
 
         Args:
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges, or a sparse matrix. Edges between segments are
                 ignored.
-            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
+            edge_weight (torch.Tensor, optional): Edge weights. Defaults to ones.
         """
         check_tensor(x)
         self._initialize_weight(x)
         num_taxels = len(self.segment)
         if not has_taxels(x, num_taxels, self.in_channels):
             raise ValueError(
-                f"'x' must have {num_taxels} taxels, as 'segment', and {self.in_channels} features "
-                f"(got shape {tuple(x.shape)})"
+                f"'x' must have {num_taxels} taxels, like 'segment', and {self.in_channels} "
+                f"features (got shape {tuple(x.shape)})"
             )
         if self._may_multiply(x):
             out = self._multiply(x, edge_index, edge_weight)
@@ -173,7 +174,7 @@ class SegmentedGCNConv(LazyWeight, ExplainablePropagate, MessagePassing):
         )
         if may_multiply(x):
             if adjacency is None or not adjacency.may_reorder:
-                return None  # weights that need a gradient, or are infinite
+                return None  # weights need a gradient or are infinite
             sums = adjacency.product(x)
         elif adjacency is not None:
             sums = adjacency.dense_product(x)
@@ -182,7 +183,7 @@ class SegmentedGCNConv(LazyWeight, ExplainablePropagate, MessagePassing):
                 edge_index, edge_weight, num_taxels, x.dtype, segment, GCNNorm(*norm)
             )
             sums = contained_product(dense, edge_pattern(dense), x)
-        # One batched product maps each group of taxels, in all samples, by the weights of its
+        # One batched product multiplies each group of taxels, in all samples, by the weights of its
         # segment.
         h = sums.movedim(-2, 0)
         rows = h.reshape(num_taxels, -1)
@@ -237,8 +238,8 @@ class SegmentedGCNConv(LazyWeight, ExplainablePropagate, MessagePassing):
         return out + (bias if x.dim() == 3 else bias.repeat(x.size(0) // num_taxels, 1))
 
     def is_plain(self) -> bool:
-        r"""Returns whether the layer is unmodified: no hook, wrapped weight, explainer or subclass
-        changes or observes it.
+        r"""Returns whether the layer is unmodified. An unmodified layer has no hook, wrapped
+        weight, explainer or subclass that changes or observes it.
         """
         return (
             type(self) is SegmentedGCNConv
@@ -252,8 +253,8 @@ class SegmentedGCNConv(LazyWeight, ExplainablePropagate, MessagePassing):
         return segment[0] == segment[1]
 
     def message(self, x_j: Tensor, norm: Tensor, is_within: OptTensor = None) -> Tensor:
-        r"""Returns the weighted features of the neighbour. Between segments, they are zero, also if
-        they are infinite.
+        r"""Returns the weighted features of the neighbour. Between segments, they are zero, even if
+        the features of the neighbour are infinite.
         """
         out = norm.view(-1, 1) * x_j
         return out if is_within is None else out.masked_fill(~is_within.view(-1, 1), 0.0)
@@ -285,12 +286,13 @@ def _checked_segment(segment: Union[Sequence[int], Tensor]) -> Tensor:
 
 
 def _taxel_groups(segment: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    r"""Returns groups with the same number of taxels, so that one batched product maps all taxels.
+    r"""Returns groups with the same number of taxels, so that all taxels can be processed in one
+    batched product.
 
     Returns:
-        tuple: Segment of each group :math:`(G,)`, indices of the taxels of all groups
-        :math:`(G \cdot n,)`, padded with the first taxel of each segment, and position of each
-        taxel in them :math:`(N,)`.
+        tuple: Segment of each group :math:`(G,)`; indices of the taxels of all groups, padded with
+        the first taxel of each segment :math:`(G \cdot n,)`; and position of each taxel in these
+        indices :math:`(N,)`.
     """
     counts, device = segment.bincount(), segment.device
     taxels = torch.arange(len(segment), device=device)

@@ -37,7 +37,7 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
     message_type,
 )
 
-_RENAMED_WEIGHTS = {  # of versions before 0.3
+_RENAMED_WEIGHTS = {  # names in versions before 0.3
     "lin.weight": "lin_root.weight",
     "lin.bias": "lin_rel.bias",
     "conv.lin.weight": "lin_rel.weight",
@@ -51,38 +51,39 @@ class SelfGCNConv(ExplainablePropagate, MessagePassing):
         \mathbf{x}'_i = \mathbf{W}_1 \mathbf{x}_i + \mathbf{b} + \mathbf{W}_2 \sum_j \hat{a}_{ij}
         \mathbf{x}_j, \qquad \hat{\mathbf{A}} = \mathbf{D}^{-1/2} \mathbf{A} \mathbf{D}^{-1/2}
 
-    or, with :obj:`difference=True`, with the differences to the neighbours,
+    or, with :obj:`difference=True`, with the differences between the taxel and its neighbours,
 
     .. math::
         \mathbf{x}'_i = \mathbf{W}_1 \mathbf{x}_i + \mathbf{b} + \mathbf{W}_2 \frac{1}{\sum_j
         a_{ij}} \sum_j a_{ij} (\mathbf{x}_i - \mathbf{x}_j)
 
-    A :class:`~torch_geometric.nn.GCNConv` has one weight for both, so that it smooths and cannot
-    express differences between neighbours, which often distinguish readings. With
-    :obj:`normalize=False`, this layer is PyG's :class:`~torch_geometric.nn.GraphConv`, with the
-    same results and :obj:`state_dict`. Many samples on one topology :math:`(B, N, F)` are
-    multiplied by a cached matrix, as in
+    A :class:`~torch_geometric.nn.GCNConv` uses one weight for the taxel and its neighbours. It
+    therefore smooths the features and cannot express differences between neighbours, which are
+    often what distinguishes readings. With :obj:`normalize=False`, this layer is equivalent to
+    PyG's :class:`~torch_geometric.nn.GraphConv` and has the same :obj:`state_dict`.
+
+    Many samples on one topology :math:`(B, N, F)` are multiplied by a cached matrix, as in
     :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv`.
 
     Args:
         in_channels (int): Size of each input feature, or -1 to infer it from the first input.
         out_channels (int): Size of each output feature.
-        difference (bool): Whether to use the differences to the neighbours. They are zero for a
-            taxel without neighbours.
+        difference (bool): Whether to use the differences between the taxel and its neighbours. They
+            are zero for a taxel without neighbours.
         bias (bool): Whether to add a learnable bias.
         normalize (bool): Whether to normalise the adjacency. If :obj:`False`, messages are weighted
-            by the edge weights and added up.
-        fast (bool): Whether to multiply samples on one topology by a matrix.
+            by the edge weights and summed.
+        fast (bool): Whether to propagate samples on one topology with a matrix product.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
-        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
-          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,
+          :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
           :math:`(N, N)` of targets and sources, optional edge weights :math:`(|\mathcal{E}|,)`
-        - **output:** node features of the same leading shape, :math:`F_{out}` wide
+        - **output:** node features with the same leading shape and width :math:`F_{out}`
 
     Raises:
-        ValueError: If a size is below one, :obj:`x` has another number of features, or
+        ValueError: If a size is below one, :obj:`x` has the wrong number of features, or
             :obj:`edge_index` or :obj:`edge_weight` is invalid.
 
     Examples:
@@ -112,8 +113,8 @@ class SelfGCNConv(ExplainablePropagate, MessagePassing):
         self.fast = fast
         self.lin_root = Linear(in_channels, out_channels, False, weight_initializer="glorot")
         self.lin_rel = Linear(in_channels, out_channels, bias, weight_initializer="glorot")
-        # Initialised twice, as in earlier versions, so that a seed gives the weights of published
-        # results.
+        # Initialised twice, as in earlier versions, so that a seed reproduces the weights of
+        # published results.
         self.lin_rel.reset_parameters()
         self._edge_cache = _DifferenceCache() if difference else AdjacencyCache()
         self.register_load_state_dict_pre_hook(_rename_weights)
@@ -130,12 +131,12 @@ class SelfGCNConv(ExplainablePropagate, MessagePassing):
         self.lin_rel.reset_parameters()
 
     def forward(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor = None) -> Tensor:
-        r"""Returns the convolved node features.
+        r"""Returns the node features after the convolution.
 
         Args:
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges, or a sparse matrix.
-            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
+            edge_weight (torch.Tensor, optional): Edge weights. Defaults to ones.
         """
         check_tensor(x)
         has_plain_linears = is_plain_linear(self.lin_root) and is_plain_linear(self.lin_rel)
@@ -172,7 +173,7 @@ class SelfGCNConv(ExplainablePropagate, MessagePassing):
         adjacency = self._edge_cache.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
         if may_multiply(x):
             if adjacency is None or not adjacency.may_reorder:
-                return None  # weights that need a gradient, or are infinite
+                return None  # weights need a gradient or are infinite
             if has_plain_linears and dtype == x.dtype:
                 lin = self.lin_rel
                 return sparse_gcn(x, adjacency, lin.weight, lin.bias, self.lin_root.weight)
@@ -203,7 +204,9 @@ class SelfGCNConv(ExplainablePropagate, MessagePassing):
         return self.propagate(edge_index, x=x, edge_weight=edge_weight, center=x)
 
     def message(self, x_j: Tensor, center_i: OptTensor, edge_weight: OptTensor) -> Tensor:
-        r"""Returns the weighted features of the neighbour, or the weighted difference to them."""
+        r"""Returns the weighted features of the neighbour, or the weighted difference between the
+        taxel and the neighbour.
+        """
         out = x_j if center_i is None else center_i - x_j
         return out if edge_weight is None else edge_weight.view(-1, 1) * out
 
@@ -213,7 +216,7 @@ class SelfGCNConv(ExplainablePropagate, MessagePassing):
 
 
 class _DifferenceCache(AdjacencyCache):
-    # A cache of the adjacency of differences. A difference is the taxel itself minus its
+    # A cache of the adjacency for differences. A difference is the taxel itself minus its
     # neighbours, so the matrix has positive self-loops and negative edges.
     def normalize(
         self,
@@ -237,9 +240,9 @@ class _DifferenceCache(AdjacencyCache):
         else:
             loop = scatter(weight, edges[1], dim_size=num_nodes, reduce="sum")
         nodes = torch.arange(num_nodes, device=edges.device)
-        # Taxels without neighbours get no self-loop: its weight is zero, and zero times a missing
-        # reading is NaN. The size of the selection depends on values, which compilers do not
-        # support.
+        # Taxels without neighbours get no self-loop, since its weight would be zero, and zero times
+        # a missing reading is NaN. Compilers skip this step, since they do not support sizes that
+        # depend on values.
         if not is_traced():
             is_target = torch.zeros_like(nodes, dtype=torch.bool).index_fill(0, edges[1], True)
             nodes, loop = nodes[is_target], loop[is_target]
@@ -247,15 +250,15 @@ class _DifferenceCache(AdjacencyCache):
 
 
 def _shares(target: Tensor, weight: Tensor, num_nodes: int) -> tuple[Tensor, Tensor]:
-    # Returns the share of each edge in the mean at its target, and the sum of each node's shares,
-    # which is one, or zero without neighbours.
+    # Returns the share of each edge in the mean at its target, and the sum of the shares at each
+    # node, which is one, or zero for nodes without neighbours.
     total = scatter(weight, target, dim_size=num_nodes, reduce="sum")
     share_sum = (total != 0).to(weight.dtype)
     return weight / torch.where(share_sum != 0, total, 1.0)[target] * share_sum[target], share_sum
 
 
 def _rename_weights(module: SelfGCNConv, state_dict: dict[str, Any], prefix: str, *_: Any) -> None:
-    # Loads checkpoints of versions before 0.3, in which the layer was not a MessagePassing.
+    # Loads checkpoints from versions before 0.3, in which the layer was not a MessagePassing layer.
     for old, new in _RENAMED_WEIGHTS.items():
         if prefix + old in state_dict and prefix + new not in state_dict:
             state_dict[prefix + new] = state_dict.pop(prefix + old)

@@ -28,7 +28,7 @@ from torch_geometric_tactile.nn.conv._static_attention import (
 
 
 class StaticGATConv(StaticAttention, GATConv):
-    r"""The graph attention layer of the `"Graph Attention Networks"
+    r"""The graph attention layer from the `"Graph Attention Networks"
     <https://arxiv.org/abs/1710.10903>`_ paper, for many samples on one topology.
 
     .. math::
@@ -37,16 +37,19 @@ class StaticGATConv(StaticAttention, GATConv):
         \mathbf{a}_s^{\top} \mathbf{W} \mathbf{x}_j + \mathbf{a}_t^{\top} \mathbf{W} \mathbf{x}_i
         \right) \right)
 
-    It is a :class:`torch_geometric.nn.GATConv` with the same arguments, results and
-    :obj:`state_dict` that also accepts :math:`(B, N, F)`. On a processor, it then folds the
-    attention vectors into the linear map and multiplies by sparse matrices. Their pattern is cached
-    while the edges stay the same.
+    This is a :class:`torch_geometric.nn.GATConv` with the same arguments, results and
+    :obj:`state_dict`. It also accepts many samples :math:`(B, N, F)`. On a CPU, it then folds the
+    attention vectors into the linear map and multiplies by sparse matrices. The sparsity pattern is
+    cached as long as the edges do not change.
 
-    Messages are passed along edges, as in PyG, for a single sample or a PyG batch :math:`(N, F)`,
-    with :obj:`edge_attr` or a sparse matrix, for :obj:`return_attention_weights`, with
-    :obj:`fast=False`, for very different degrees, on other devices, and in compiled and exported
-    models. They are also passed if an explainer, a hook, another aggregation or a subclass with its
-    own :meth:`message` or :meth:`edge_update` needs them.
+    As in PyG, messages are passed along edges in all other cases:
+
+    * for a single sample or a PyG batch :math:`(N, F)`;
+    * with :obj:`edge_attr`, a sparse matrix, :obj:`return_attention_weights` or :obj:`fast=False`;
+    * if the degrees of the nodes differ greatly;
+    * on other devices, and in compiled and exported models;
+    * if an explainer, a hook, a different aggregation, or a subclass that overrides :meth:`message`
+      or :meth:`edge_update` needs the messages.
 
     Args:
         in_channels (int or tuple): Size of each input feature, or -1 to infer it from the first
@@ -55,28 +58,29 @@ class StaticGATConv(StaticAttention, GATConv):
         heads (int): Number of attention heads.
         concat (bool): Whether to concatenate the heads. If :obj:`False`, they are averaged.
         negative_slope (float): Slope of the LeakyReLU below zero.
-        dropout (float): Probability of dropping an attention coefficient in training.
+        dropout (float): Probability of dropping an attention coefficient during training.
         add_self_loops (bool): Whether to add self-loops.
         edge_dim (int, optional): Size of each edge feature, if edges have features.
-        fill_value (float, torch.Tensor or str): Edge features of added self-loops, or the reduction
-            that computes them from the node's other edges.
+        fill_value (float, torch.Tensor or str): Edge features of added self-loops, or the name of a
+            reduction that computes them from the other edges of the node.
         bias (bool): Whether to add a learnable bias.
         residual (bool): Whether to add a linear map of the input.
-        fast (bool): Whether to multiply the samples of one topology by sparse matrices.
+        fast (bool): Whether to propagate samples on one topology with sparse matrix products.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
-        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
-          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,
+          :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
           :math:`(N, N)` of targets and sources (PyG's :obj:`adj_t`), optional edge features
           :math:`(|\mathcal{E}|, D)`, shared by all samples
-        - **output:** node features of the same leading shape, :math:`H \cdot F_{out}` wide, or
-          :math:`F_{out}` if :obj:`concat=False`
+        - **output:** node features with the same leading shape and width :math:`H \cdot F_{out}`,
+          or :math:`F_{out}` if :obj:`concat=False`
 
     Raises:
-        ValueError: If :obj:`x` has fewer than two dimensions, another number of features or no real
-            numbers, :obj:`edge_index` has another shape, no integers or indices out of range, or
-            :obj:`edge_attr` does not have one row per edge.
+        ValueError: If :obj:`x` has fewer than two dimensions, has the wrong number of features or
+            does not hold floating-point numbers; if :obj:`edge_index` has the wrong shape, does not
+            hold integers or has indices out of range; or if :obj:`edge_attr` does not have one row
+            per edge.
 
     Examples:
         >>> conv = StaticGATConv(3, 8, heads=2)
@@ -131,14 +135,14 @@ class StaticGATConv(StaticAttention, GATConv):
         r"""Returns the node features after attention over the neighbours.
 
         Args:
-            x (torch.Tensor): Node features. For a bipartite graph, a pair of the features of
-                sources and targets, as in PyG.
+            x (torch.Tensor): Node features. For a bipartite graph, a pair with the features of the
+                sources and the targets, as in PyG.
             edge_index (torch.Tensor): Edges, or a sparse matrix.
             edge_attr (torch.Tensor, optional): Edge features.
             size (tuple, optional): Numbers of sources and targets of a bipartite graph.
             return_attention_weights (bool, optional): If :obj:`True`, also returns the edges with
-                self-loops, and their attention coefficients :math:`(|\mathcal{E}'|, H)` for each
-                sample.
+                self-loops, and their attention coefficients for each sample
+                :math:`(|\mathcal{E}'|, H)`.
         """
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
             return super().forward(x, edge_index, edge_attr, size, return_attention_weights)
@@ -215,7 +219,7 @@ class StaticGATConv(StaticAttention, GATConv):
 
 
 class _GATProduct(Function):
-    # The complete layer without residual and bias as one operation, which has little overhead for a
+    # Computes the layer without residual and bias in one operation, which has little overhead for a
     # single sample and saves no edge features for the backward pass.
     @staticmethod
     def forward(
@@ -298,8 +302,8 @@ class _GATProduct(Function):
 
 
 def _fold(att: Tensor, weight: Tensor) -> Tensor:
-    # Returns the attention vectors (H, 2, C) multiplied by the linear map (2 * H, F), which maps
-    # inputs directly to the logits of sources and targets.
+    # Returns the product of the attention vectors (H, 2, C) and the linear map. The result (2 * H,
+    # F) maps inputs directly to the logits of sources and targets.
     heads, _, channels = att.shape
     folded = torch.matmul(att, weight.view(heads, channels, -1))
     return folded.transpose(0, 1).reshape(2 * heads, -1)

@@ -31,12 +31,12 @@ from torch_geometric_tactile.nn.conv._static_attention import (
     check_attention_input,
 )
 
-# Edge features in one block, which stay in the cache of a processor.
+# Number of edge features in one block, which fits in the cache of a CPU.
 _BLOCK_SIZE = 2**16
 
 
 class StaticGATv2Conv(StaticAttention, GATv2Conv):
-    r"""The graph attention layer of the `"How Attentive are Graph Attention Networks?"
+    r"""The graph attention layer from the `"How Attentive are Graph Attention Networks?"
     <https://arxiv.org/abs/2105.14491>`_ paper, for many samples on one topology.
 
     .. math::
@@ -45,10 +45,10 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
         \mathrm{LeakyReLU} \left( \mathbf{W}_s \mathbf{x}_j + \mathbf{W}_t \mathbf{x}_i \right)
         \right)
 
-    It is a :class:`torch_geometric.nn.GATv2Conv` with the same arguments, results and
-    :obj:`state_dict` that also accepts :math:`(B, N, F)`. On a processor, it then computes the
-    logits in blocks of samples, whose edge features stay in the cache, and multiplies by sparse
-    matrices. Their pattern is cached while the edges stay the same.
+    This is a :class:`torch_geometric.nn.GATv2Conv` with the same arguments, results and
+    :obj:`state_dict`. It also accepts many samples :math:`(B, N, F)`. On a CPU, it then computes
+    the logits in blocks of samples, so that their edge features stay in the cache, and multiplies
+    by sparse matrices. The sparsity pattern is cached as long as the edges do not change.
 
     Messages are passed along edges in the same cases as in
     :class:`~torch_geometric_tactile.nn.conv.StaticGATConv`.
@@ -60,29 +60,30 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
         heads (int): Number of attention heads.
         concat (bool): Whether to concatenate the heads. If :obj:`False`, they are averaged.
         negative_slope (float): Slope of the LeakyReLU below zero.
-        dropout (float): Probability of dropping an attention coefficient in training.
+        dropout (float): Probability of dropping an attention coefficient during training.
         add_self_loops (bool): Whether to add self-loops.
         edge_dim (int, optional): Size of each edge feature, if edges have features.
-        fill_value (float, torch.Tensor or str): Edge features of added self-loops, or the reduction
-            that computes them from the node's other edges.
+        fill_value (float, torch.Tensor or str): Edge features of added self-loops, or the name of a
+            reduction that computes them from the other edges of the node.
         bias (bool): Whether to add learnable biases.
         share_weights (bool): Whether sources and targets share one linear map.
         residual (bool): Whether to add a linear map of the input.
-        fast (bool): Whether to multiply the samples of one topology by sparse matrices.
+        fast (bool): Whether to propagate samples on one topology with sparse matrix products.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
-        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
-          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,
+          :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
           :math:`(N, N)` of targets and sources (PyG's :obj:`adj_t`), optional edge features
           :math:`(|\mathcal{E}|, D)`, shared by all samples
-        - **output:** node features of the same leading shape, :math:`H \cdot F_{out}` wide, or
-          :math:`F_{out}` if :obj:`concat=False`
+        - **output:** node features with the same leading shape and width :math:`H \cdot F_{out}`,
+          or :math:`F_{out}` if :obj:`concat=False`
 
     Raises:
-        ValueError: If :obj:`x` has fewer than two dimensions, another number of features or no real
-            numbers, :obj:`edge_index` has another shape, no integers or indices out of range, or
-            :obj:`edge_attr` does not have one row per edge or is passed without :obj:`edge_dim`.
+        ValueError: If :obj:`x` has fewer than two dimensions, has the wrong number of features or
+            does not hold floating-point numbers; if :obj:`edge_index` has the wrong shape, does not
+            hold integers or has indices out of range; or if :obj:`edge_attr` does not have one row
+            per edge, or is passed without :obj:`edge_dim`.
 
     Examples:
         >>> conv = StaticGATv2Conv(3, 8, heads=2)
@@ -138,13 +139,13 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
         r"""Returns the node features after attention over the neighbours.
 
         Args:
-            x (torch.Tensor): Node features. For a bipartite graph, a pair of the features of
-                sources and targets, as in PyG.
+            x (torch.Tensor): Node features. For a bipartite graph, a pair with the features of the
+                sources and the targets, as in PyG.
             edge_index (torch.Tensor): Edges, or a sparse matrix.
             edge_attr (torch.Tensor, optional): Edge features.
             return_attention_weights (bool, optional): If :obj:`True`, also returns the edges with
-                self-loops, and their attention coefficients :math:`(|\mathcal{E}'|, H)` for each
-                sample.
+                self-loops, and their attention coefficients for each sample
+                :math:`(|\mathcal{E}'|, H)`.
         """
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
             return super().forward(x, edge_index, edge_attr, return_attention_weights)
@@ -226,8 +227,8 @@ class StaticGATv2Conv(StaticAttention, GATv2Conv):
 
 
 class _GATv2Product(Function):
-    # The edge features (E, H, C) are computed in blocks of samples, which stay in the cache, and
-    # again in the backward pass.
+    # The edge features (E, H, C) are computed in blocks of samples that fit in the cache. The
+    # backward pass recomputes them.
     @staticmethod
     def forward(
         ctx: Any,
@@ -274,8 +275,8 @@ class _GATv2Product(Function):
         grad_logits = slot_gradient(slots, factors, grad, source.view(-1, channels), pattern)
         grad_logits = grad_logits.view(-1).index_select(0, pattern.edge_slots)
         grad_logits = grad_logits.view(source.size(0), -1, heads, 1)
-        # Slopes are summed over the edges of each node first, and multiplied by the attention
-        # vector afterwards, which is once per node and not once per edge.
+        # Slopes are first summed over the edges of each node and then multiplied by the attention
+        # vector, so that there is one multiplication per node instead of one per edge.
         grad_source, grad_target = torch.empty_like(source), torch.empty_like(target)
         for start, stop, edge_features, block in _edge_blocks(source, target, edges):
             head_features = edge_features.view(-1, heads, channels)

@@ -1,4 +1,4 @@
-r"""The graph convolution of the papers for many samples on one topology."""
+r"""The graph convolution from the papers for many samples on one topology."""
 
 from collections.abc import Callable
 from functools import partial
@@ -53,24 +53,28 @@ from torch_geometric_tactile.nn.conv._static_adjacency import (
 
 
 class StaticGCNConv(ExplainablePropagate, GCNConv):
-    r"""The graph convolution of the "Tactile Object Property Recognition using Geometrical Graph
-    Edge Features and Multi-Thread Graph Convolutional Network" paper (eq. 1), without its
+    r"""The graph convolution from the "Tactile Object Property Recognition using Geometrical Graph
+    Edge Features and Multi-Thread Graph Convolutional Network" paper (eq. 1), but without the
     activation.
 
     .. math::
         \mathbf{X}' = \hat{\mathbf{D}}^{-1/2} (\mathbf{A} + \mathbf{I}) \hat{\mathbf{D}}^{-1/2}
         \mathbf{X} \mathbf{W} + \mathbf{b}
 
-    It is a :class:`torch_geometric.nn.GCNConv` with the same arguments, results and
-    :obj:`state_dict`. Many samples on one topology :math:`(B, N, F)` are multiplied by the
-    normalised adjacency matrix, which is cached while edges and weights stay the same. Weights that
-    need a gradient are not cached. An infinite or missing reading affects only the neighbours of
-    its taxel. On a processor, they get the same values as in PyG; on a GPU and in compiled and
-    exported models, all their features are NaN.
+    This is a :class:`torch_geometric.nn.GCNConv` with the same arguments, results and
+    :obj:`state_dict`. Use it for many samples on one topology :math:`(B, N, F)`. They are
+    multiplied by the normalised adjacency matrix, which is cached as long as edges and weights do
+    not change. Weights that need a gradient are not cached.
 
-    Messages are passed along edges, as in PyG, for a single sample or a PyG batch :math:`(N, F)`,
-    for more than 1024 nodes, and with :obj:`fast=False`. They are also passed if an explainer, a
-    message hook, another aggregation or a subclass with its own :meth:`message` needs them.
+    An infinite or missing reading affects only the neighbours of its taxel. On a CPU, the
+    neighbours get the same values as in PyG. On a GPU and in exported models, all features of the
+    neighbours are NaN.
+
+    As in PyG, messages are passed along edges for a single sample or a PyG batch :math:`(N, F)`,
+    for more than 1024 nodes on a GPU or in exported models, under :func:`torch.compile` on a CPU,
+    and with :obj:`fast=False`. They are also passed if an explainer, a message hook, a different
+    aggregation or a subclass that overrides :meth:`message` needs them. All cases are listed in
+    :doc:`/layers`.
 
     Args:
         in_channels (int): Size of each input feature, or -1 to infer it from the first input.
@@ -78,24 +82,25 @@ class StaticGCNConv(ExplainablePropagate, GCNConv):
         improved (bool): Whether added self-loops have weight two. As in PyG, this has no effect on
             edges without weights.
         cached (bool): Whether to use the normalised edges of the first call in all later calls,
-            even if other edges are passed. It does not make this layer faster.
+            even if different edges are passed. This does not make the layer faster.
         add_self_loops (bool, optional): Whether to add self-loops. Defaults to :obj:`normalize`.
         normalize (bool): Whether to normalise the adjacency.
         bias (bool): Whether to add a learnable bias.
-        fast (bool): Whether to multiply samples on one topology by a matrix.
+        fast (bool): Whether to propagate samples on one topology with a matrix product.
         **kwargs: Further arguments of :class:`torch_geometric.nn.MessagePassing`.
 
     Shapes:
-        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or those of a PyG
-          batch :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
+        - **input:** node features :math:`(N, F_{in})`, :math:`(B, N, F_{in})` or, for a PyG batch,
+          :math:`(B \cdot N, F_{in})`, edges :math:`(2, |\mathcal{E}|)` or a sparse matrix
           :math:`(N, N)` of targets and sources (PyG's :obj:`adj_t`), optional edge weights
           :math:`(|\mathcal{E}|,)`
-        - **output:** node features of the same leading shape, :math:`F_{out}` wide
+        - **output:** node features with the same leading shape and width :math:`F_{out}`
 
     Raises:
-        ValueError: If :obj:`x` has fewer than two dimensions, another number of features or no real
-            numbers, :obj:`edge_index` has another shape, no integers or indices out of range, or
-            :obj:`edge_weight` does not hold one real number per edge.
+        ValueError: If :obj:`x` has fewer than two dimensions, has the wrong number of features or
+            does not hold floating-point numbers; if :obj:`edge_index` has the wrong shape, does not
+            hold integers or has indices out of range; or if :obj:`edge_weight` does not hold one
+            real number per edge.
 
     Examples:
         >>> conv = StaticGCNConv(3, 8)
@@ -110,8 +115,8 @@ class StaticGCNConv(ExplainablePropagate, GCNConv):
 
     _overrides_propagate: ClassVar[bool] = False
 
-    # Set in each class: PyG writes the compiled form into the class of the first layer that is
-    # created, and other classes would inherit it, although explainers need the uncompiled form.
+    # Set in each class. PyG writes the compiled form into the class of the first layer that is
+    # created. Subclasses would inherit this form, but explainers need the uncompiled form.
     propagate = original_propagate()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -143,15 +148,15 @@ class StaticGCNConv(ExplainablePropagate, GCNConv):
         self._edge_cache = AdjacencyCache()
 
     def forward(self, x: Tensor, edge_index: Adj, edge_weight: OptTensor = None) -> Tensor:
-        r"""Returns the convolved node features.
+        r"""Returns the node features after the convolution.
 
         Args:
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges, or a sparse matrix.
-            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
+            edge_weight (torch.Tensor, optional): Edge weights. Defaults to ones.
         """
         if not isinstance(x, Tensor) or not isinstance(edge_index, Tensor):
-            # PyG supports further types, and raises an error for others.
+            # PyG supports further types, and raises an error for unsupported ones.
             return super().forward(x, edge_index, edge_weight)
         edge_index = sorted_form(edge_index)
         lin: Any = self._modules["lin"]  # faster than the attribute look-up of `self.lin`
@@ -169,8 +174,8 @@ class StaticGCNConv(ExplainablePropagate, GCNConv):
         return compute_on_edges(self._convolve_edges, num_nodes, x, edge_index, edge_weight)
 
     def is_plain(self) -> bool:
-        r"""Returns whether the layer is unmodified: it has the default arguments, and no hook,
-        wrapped weight, explainer or subclass changes or observes it.
+        r"""Returns whether the layer is unmodified. An unmodified layer has the default arguments,
+        and no hook, wrapped weight, explainer or subclass that changes or observes it.
         """
         return (
             type(self) is StaticGCNConv
@@ -199,8 +204,8 @@ class StaticGCNConv(ExplainablePropagate, GCNConv):
     def _multiply(
         self, x: Tensor, edge_index: Adj, edge_weight: OptTensor, has_plain_linear: bool
     ) -> OptTensor:
-        # Returns the output by products with the adjacency, or None if messages are faster or
-        # necessary.
+        # Returns the output, computed with a product with the adjacency, or None if messages are
+        # faster or necessary.
         is_sparse = may_multiply(x)
         is_dense = not is_sparse and may_multiply_dense(x)
         uses_cached_edges = self.normalize and not self.cached and may_cache_edges(x)
@@ -215,7 +220,7 @@ class StaticGCNConv(ExplainablePropagate, GCNConv):
         dtype = message_type(x, edge_weight)
         adjacency = self._edge_cache.get(edge_index, edge_weight, num_nodes, dtype, norm=norm)
         if is_sparse and (adjacency is None or not adjacency.may_reorder):
-            return None  # weights that need a gradient, or are infinite
+            return None  # weights need a gradient or are infinite
         if not is_sparse and not is_dense:
             return None if adjacency is None else self._pass_messages(x, adjacency)
         if adjacency is not None:
@@ -248,8 +253,8 @@ class StaticGCNConv(ExplainablePropagate, GCNConv):
                 edge_weight = edge_weight.to(x.dtype)
             if not is_traced() or not self.normalize or not self.add_self_loops or self.cached:
                 return super().forward(x, edge_index, edge_weight)
-            # PyG replaces self-loops with a boolean mask. The size of the result depends on values,
-            # which compilers do not support.
+            # PyG replaces self-loops using a boolean mask. The size of the result depends on
+            # values, which compilers do not support.
             edge_index, edge_weight = self._add_loops(x, edge_index, edge_weight)
             out = self.propagate(edge_index, x=self.lin(x), edge_weight=edge_weight)
             return out if self.bias is None else out + self.bias

@@ -1,4 +1,4 @@
-r"""Models of the papers, and general models."""
+r"""Models from the papers, and general-purpose models."""
 
 from typing import TYPE_CHECKING
 

@@ -15,19 +15,19 @@ def _raise_for_hub_method(*args: Any, **kwargs: Any) -> NoReturn:
     # To be deleted in version 0.4.0, together with the names in `_removed.py`.
     raise AttributeError(
         "'save_pretrained', 'from_pretrained' and 'push_to_hub' of models were removed in version "
-        "0.3.0: save the model with its layout and scaling, by Predictor.save or "
+        "0.3.0: to save the model with its layout and scaling, use Predictor.save or "
         "Predictor.push_to_hub"
     )
 
 
 class BaseModel(Module):
-    r"""The base class of models, whose :meth:`forward` takes the inputs of all models in a common
+    r"""The base class of all models. Its :meth:`forward` defines the inputs of all models and their
     order.
 
     A subclass defines :meth:`_logits` with the inputs that it uses, or :meth:`forward` if it has
     further inputs. The attribute :attr:`init_arguments` holds the arguments of the constructor in
-    their order. The file of a :class:`~torch_geometric_tactile.predictor.Predictor` stores them to
-    create the model again.
+    order. The file of a :class:`~torch_geometric_tactile.predictor.Predictor` stores these
+    arguments so that the model can be recreated.
     """
 
     num_joints: int = 0
@@ -36,7 +36,7 @@ class BaseModel(Module):
     from_pretrained = save_pretrained = push_to_hub = staticmethod(_raise_for_hub_method)
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
-        r"""Creates the model, and stores the arguments of its constructor."""
+        r"""Creates the model and stores the arguments of its constructor."""
         self = object.__new__(cls)
         arguments = constructor_arguments(cls, args, kwargs)
         if "layout" in arguments:
@@ -72,12 +72,12 @@ class BaseModel(Module):
         all other arguments.
 
         Args:
-            x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+            x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
                 :math:`(B \cdot N, F)`.
             edge_index (torch.Tensor, optional): Edges :math:`(2, |\mathcal{E}|)`. Models without a
-                graph do not need them.
+                graph do not need edges.
             edge_attr (torch.Tensor, optional): Edge features :math:`(|\mathcal{E}|, D)`,
-                :math:`(B, |\mathcal{E}|, D)` or those of a PyG batch.
+                :math:`(B, |\mathcal{E}|, D)` or the edge features of a PyG batch.
             joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`.
             absolute (torch.Tensor, optional): Positions and their distance from the origin, in
                 metres or scaled, with the leading shape of :obj:`x`, or :math:`(N, 4)` for all

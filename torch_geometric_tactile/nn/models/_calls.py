@@ -1,4 +1,4 @@
-r"""Calls of networks, both of this package and of users, with the inputs that they declare."""
+r"""Calls networks from this package and from users with the inputs that they declare."""
 
 import inspect
 from collections.abc import Mapping
@@ -27,15 +27,15 @@ def _class_parameters(cls: Any) -> tuple[inspect.Parameter, ...]:
 
 
 def _forward_parameters(model: Any) -> tuple[inspect.Parameter, ...]:
-    model = getattr(model, "_orig_mod", model)  # the original module of a compiled one
+    model = getattr(model, "_orig_mod", model)  # the original of a compiled module
     cls: Any = model if isinstance(model, type) else type(model)
     return _class_parameters(cls)
 
 
 def takes_batch(model: Any) -> bool:
-    r"""Returns whether a network or its class takes the sample index of each taxel, as PyG's
-    networks do. It does if its attribute :obj:`takes_batch` says so or, without this attribute, if
-    :obj:`forward` has an argument :obj:`batch`.
+    r"""Returns whether a network or class takes the sample index of each taxel, as PyG's networks
+    do. This is the value of the attribute :obj:`takes_batch`. Without this attribute, a network
+    takes the sample index if :obj:`forward` has an argument :obj:`batch`.
     """
     declared = getattr(model, "takes_batch", None)
     if declared is not None:
@@ -44,9 +44,9 @@ def takes_batch(model: Any) -> bool:
 
 
 def input_names(model: Any) -> tuple[str, ...]:
-    r"""Returns the attributes that are passed to a network by keyword. They are its
-    :obj:`modalities` or, without this attribute, the arguments of :obj:`forward` after readings and
-    edges that have no default.
+    r"""Returns the names of the attributes that are passed to a network by keyword. These are its
+    :obj:`modalities`. Without this attribute, they are the arguments of :obj:`forward` that follow
+    readings and edges and have no default.
     """
     declared = getattr(model, "modalities", None)
     if declared is not None:
@@ -56,7 +56,7 @@ def input_names(model: Any) -> tuple[str, ...]:
 
 
 def _edge_parameter(model: Any) -> inspect.Parameter | None:
-    # Readings and edges are passed by position, so edges are the second positional parameter.
+    # Readings and edges are passed by position, so the edges are the second positional parameter.
     positional = [p for p in _forward_parameters(model) if p.kind in _POSITIONAL_KINDS]
     return positional[1] if len(positional) > 1 else None
 
@@ -66,9 +66,9 @@ def _passes_messages(model: Any) -> bool:
 
 
 def needs_edges(model: Any) -> bool:
-    r"""Returns whether a network cannot be called without edges. This is its attribute
-    :obj:`needs_edges` or, without it, whether the network passes messages and its argument for
-    edges has no default.
+    r"""Returns whether a network requires edges. This is the value of the attribute
+    :obj:`needs_edges`. Without this attribute, a network requires edges if it passes messages and
+    its argument for edges has no default.
     """
     declared = getattr(model, "needs_edges", None)
     if declared is not None:
@@ -78,7 +78,7 @@ def needs_edges(model: Any) -> bool:
 
 
 def is_graph_model(model: Any) -> bool:
-    r"""Returns whether a network uses edges. It does if its attribute :obj:`needs_edges` says so,
+    r"""Returns whether a network uses edges. It does if its attribute :obj:`needs_edges` is true,
     or if it has an argument for edges and passes messages.
     """
     if getattr(model, "needs_edges", False):
@@ -87,12 +87,12 @@ def is_graph_model(model: Any) -> bool:
 
 
 def call_model(model: Any, data: Data, inputs: Mapping[str, Any]) -> Tensor:
-    r"""Returns the output of a network for samples :math:`(B, C)`. Static data are converted to a
+    r"""Returns the output of a network :math:`(B, C)` for samples. Static data are converted to a
     PyG batch if the network takes :obj:`batch`.
 
     Args:
         model (torch.nn.Module): The network.
-        data (Data): Samples: static data, a PyG batch, or a single sample.
+        data (Data): Samples, as static data, a PyG batch or a single sample.
         inputs (Mapping): Attributes of :obj:`data` that the network takes by keyword.
     """
     arguments = dict(inputs)
@@ -102,8 +102,8 @@ def call_model(model: Any, data: Data, inputs: Mapping[str, Any]) -> Tensor:
             # The cache of batched edges cannot be exported, and a single sample does not need it.
             data = data.sample(0) if is_single else data.to_batch()
             arguments = {name: data[name] for name in inputs}
-            # For a vector, PyG's readouts compute the number of samples from its values, which
-            # cannot be exported. PyG passes None for a single sample.
+            # If `batch` is a vector, PyG's readouts compute the number of samples from its values,
+            # which cannot be exported. For a single sample, PyG passes None.
             arguments["batch"] = (
                 None if is_single and torch.compiler.is_exporting() else batch_vector(data)
             )
@@ -114,7 +114,9 @@ def call_model(model: Any, data: Data, inputs: Mapping[str, Any]) -> Tensor:
 
 
 def batch_vector(data: Data) -> Tensor:
-    r"""Returns the index of each taxel's sample :math:`(B \cdot N,)`, zeros for a single sample."""
+    r"""Returns the sample index of each taxel :math:`(B \cdot N,)`, which is zero for a single
+    sample.
+    """
     batch = getattr(data, "batch", None)
     if batch is None:
         assert data.x is not None

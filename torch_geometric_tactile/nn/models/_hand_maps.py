@@ -32,17 +32,17 @@ class Stage(NamedTuple):
     exceptions: Mapping[str, tuple[int, int]] = _NO_EXCEPTIONS
 
     def filter_size(self, kinds: tuple[str, ...]) -> tuple[int, int]:
-        r"""Returns the height and width of the filters on a map of some kinds.
+        r"""Returns the height and width of the filters on a map.
 
         Args:
-            kinds (tuple of str): Kinds of the map, the most specific first.
+            kinds (tuple of str): Kinds of the map, with the most specific kind first.
         """
         return next((self.exceptions[kind] for kind in kinds if kind in self.exceptions), self.size)
 
 
 #: The three convolutions of each pattern. In pattern IV, the thumb has filters of 2 x 2 cells and
-#: the fingers of 4 x 2. The paper's text swaps them, which gives neither equal heights nor the
-#: printed size.
+#: the fingers have filters of 4 x 2 cells. The paper's text swaps these sizes, but this gives
+#: neither equal heights nor the printed size.
 PATTERNS: Mapping[str, tuple[Stage, Stage, Stage]] = MappingProxyType(
     {
         "I": (Stage("hand", (3, 3), stride=2), Stage("hand", (3, 3)), Stage("hand", (2, 2))),
@@ -89,17 +89,17 @@ class HandMap(NamedTuple):
 
 
 def input_maps(layout: TaxelLayout, level: Level) -> list[HandMap]:
-    r"""Returns the maps of the readings, sorted by digit from left to right and from the tip down.
-    They are the parts of the layout's image map with its patches or digits, or all of it. Cells
-    without a taxel hold the index :math:`N`.
+    r"""Returns the maps of the readings, sorted by digit from left to right, and within a digit
+    from the tip down. Each map is the part of the layout's image map with one patch or one digit,
+    or the whole image map. Cells without a taxel hold the index :math:`N`.
 
     Args:
         layout (TaxelLayout): The layout, with an image map.
         level (str): :obj:`"patch"`, :obj:`"finger"` or :obj:`"hand"`.
 
     Raises:
-        ValueError: If a patch or digit is empty, or their maps overlap or are not one above the
-            other.
+        ValueError: If a patch or digit has no taxels, or if maps overlap or are not stacked
+            vertically.
     """
     assert layout.image_map is not None
     image_map = layout.image_map.numpy()
@@ -141,8 +141,8 @@ def input_maps(layout: TaxelLayout, level: Level) -> list[HandMap]:
 
 
 def _with_kinds(maps: Sequence[HandMap], layout: TaxelLayout) -> list[HandMap]:
-    # Sets the kinds of maps, the most specific first. Maps are sorted by digit, and within a digit
-    # from its tip down, so that the first patch of a digit is its tip.
+    # Sets the kinds of each map, with the most specific kind first. Maps are sorted by digit, and
+    # within a digit from the tip down, so that the first patch of a digit is its tip.
     result, visited_digits = [], set()
     for hand_map in maps:
         kinds: tuple[str, ...] = ()
@@ -158,8 +158,8 @@ def _with_kinds(maps: Sequence[HandMap], layout: TaxelLayout) -> list[HandMap]:
 
 
 def join_maps(maps: Sequence[HandMap], level: Level, layout: TaxelLayout) -> list[HandMap]:
-    r"""Returns maps of a coarser level. Patches are joined to fingers one above the other, and
-    fingers to the hand side by side.
+    r"""Returns the maps of a coarser level. Patches are stacked vertically to form fingers, and
+    fingers are placed side by side to form the hand.
 
     Args:
         maps (sequence of HandMap): Maps of one level.
@@ -167,7 +167,7 @@ def join_maps(maps: Sequence[HandMap], level: Level, layout: TaxelLayout) -> lis
         layout (TaxelLayout): The layout.
 
     Raises:
-        ValueError: If maps that are joined differ in size.
+        ValueError: If the maps to be joined differ in size.
     """
     joined_maps = list(maps)
     if joined_maps[0].level == "patch" and level != "patch":
@@ -200,8 +200,8 @@ class MapConv(Module):
     r"""Convolutions with filters of one size on maps of one size, with separate or shared filters.
     There is no padding.
 
-    The cells under each filter position are gathered, and one batched matrix product multiplies
-    those of all maps. On small maps, this takes half the time of a plain or grouped
+    The cells under each filter position are gathered, and one batched matrix product multiplies the
+    cells of all maps. On small maps, this takes half as long as a plain or grouped
     :class:`torch.nn.Conv2d`.
 
     Args:
@@ -252,7 +252,7 @@ class MapConv(Module):
         zeros_(self.bias)
 
     def forward(self, x: Tensor) -> Tensor:
-        r"""Returns the convolved features of the maps.
+        r"""Returns the features of the maps after the convolution.
 
         Args:
             x (torch.Tensor): Features.
@@ -275,7 +275,7 @@ class MapConv(Module):
 
 
 class MapStage(Module):
-    r"""One convolution of a pattern: a :class:`MapConv` for all maps of the same size, and ReLU.
+    r"""One convolution of a pattern: one :class:`MapConv` for each map size, followed by ReLU.
 
     Args:
         in_channels (int): Size of each input feature.
@@ -319,7 +319,8 @@ class MapStage(Module):
             num_cells += len(indices)
             for hand_map, out_cell in zip(group, indices.reshape(-1, *conv.out_size), strict=True):
                 self.maps.append(hand_map._replace(cell=out_cell))
-        # Groups of the same size change the order of the maps, which joining needs.
+        # Grouping by size changes the order of the maps, so that the order is restored before
+        # joining.
         order = [hand_map.name for hand_map in maps]
         self.maps.sort(key=lambda hand_map: order.index(hand_map.name))
         self.num_cells = num_cells

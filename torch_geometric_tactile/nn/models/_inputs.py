@@ -1,4 +1,4 @@
-r"""Inputs of models besides readings: their look-up, checks and concatenation."""
+r"""Looks up, checks and concatenates inputs of models other than readings."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -21,16 +21,16 @@ _ADVICE = {
 def needed_inputs(
     model: Any, data: Any, describe_data: Callable[[], str], **advice: str
 ) -> dict[str, Any]:
-    r"""Returns the attributes of samples that a model takes by keyword.
+    r"""Returns the attributes of samples that are passed to a model by keyword.
 
     Args:
         model (torch.nn.Module): The model.
         data (Data): Samples.
-        describe_data (callable): Returns a description of the samples for the message.
-        **advice: Advice for the message by name of the missing attribute.
+        describe_data (callable): Returns a description of the samples for the error message.
+        **advice: Advice for the error message, by name of the missing attribute.
 
     Raises:
-        ValueError: If an attribute, or the edges that the model needs, are missing.
+        ValueError: If an attribute is missing, or if the model needs edges and there are none.
     """
     inputs = {name: getattr(data, name, None) for name in input_names(model)}
     missing = [name for name, value in inputs.items() if value is None]
@@ -48,17 +48,17 @@ def with_joints(rows: Tensor, joint: OptTensor, num_joints: int) -> Tensor:
     Shapes:
         - **rows:** Features of each sample :math:`(B, F)`.
         - **joint:** Joint angles in radians :math:`(B, J)`.
-        - **num_joints:** Number of joint angles :math:`J`. If it is 0, features are returned
+        - **num_joints:** Number of joint angles :math:`J`. If it is 0, the features are returned
           unchanged.
 
     Raises:
-        ValueError: If joint angles are missing or have another shape.
+        ValueError: If joint angles are missing or have the wrong shape.
     """
     if num_joints == 0:
         return rows
     if joint is None:
         raise ValueError(f"'joint' must be given: the model has num_joints={num_joints} (got None)")
-    # Not `len`, which an export would record as a constant.
+    # An export would record `len` as a constant.
     if joint.numel() != rows.size(0) * num_joints or joint.size(-1) != num_joints:
         raise ValueError(
             f"'joint' must have shape ({rows.size(0)}, {num_joints}) (got {tuple(joint.shape)})"
@@ -87,7 +87,7 @@ def check_no_edges(inputs: Sequence[str]) -> None:
 
 def weight_like(edge_weight: OptTensor, x: Tensor) -> OptTensor:
     r"""Returns edge weights in the data type of the node features, so that all layers of a thread
-    compute in the same type.
+    use the same type.
     """
     if edge_weight is None or not edge_weight.is_floating_point():
         return edge_weight
@@ -95,14 +95,14 @@ def weight_like(edge_weight: OptTensor, x: Tensor) -> OptTensor:
 
 
 def required_edges(edge_index: OptTensor) -> Tensor:
-    r"""Returns edges if they are not :obj:`None`.
+    r"""Returns edges that must not be :obj:`None`.
 
     Raises:
         ValueError: If there are no edges.
     """
     if edge_index is None:
         raise ValueError(
-            "'edge_index' must be given (got None): add edges to the samples, from an adjacency of "
-            "the layout or by the transform KNNGraph"
+            "'edge_index' must be given (got None): add edges to the samples, with an adjacency of "
+            "the layout or the transform KNNGraph"
         )
     return edge_index

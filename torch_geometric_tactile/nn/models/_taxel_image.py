@@ -1,4 +1,4 @@
-r"""Conversion of readings to images."""
+r"""Converts readings to images."""
 
 from collections.abc import Sequence
 
@@ -18,8 +18,8 @@ class TaxelImage(Module):
 
     Shapes:
         - **input:** readings :math:`(B, N, F)`
-        - **output:** images :math:`(B, F, H, W)`. For one channel, they are a view of the readings
-          if the taxels fill all cells row by row.
+        - **output:** images :math:`(B, F, H, W)`. For one channel, the images are a view of the
+          readings if the taxels fill all cells row by row.
     """
 
     cell: Tensor
@@ -57,7 +57,7 @@ def checked_map(layout: TaxelLayout, inputs: Sequence[str]) -> Tensor:
         inputs (sequence of str): Inputs of the model.
 
     Raises:
-        ValueError: If the layout has no image map, or edge features are an input.
+        ValueError: If the layout has no image map, or if edge features are an input.
     """
     check_no_edges(inputs)
     if layout.image_map is None:

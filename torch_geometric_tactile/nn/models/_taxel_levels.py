@@ -22,8 +22,8 @@ CONVS = ("sector", "self", "difference")
 
 class TaxelNorm(BatchNorm1d):
     r"""Batch normalisation of each channel over all samples and taxels, so that all taxels of a
-    channel share one scale. A single row, which has no variance, is scaled with the running
-    statistics. Masked rows are left out of the statistics.
+    channel share one scale. A single row has no variance and is scaled with the running statistics.
+    Masked rows are left out of the statistics.
 
     Shapes:
         - **input:** features :math:`(B, N, F)` or :math:`(B, F)`
@@ -36,12 +36,12 @@ class TaxelNorm(BatchNorm1d):
         Args:
             input (torch.Tensor): Features.
             mask (torch.Tensor, optional): Whether each row is part of the statistics
-                :math:`(B, N, 1)`. If left out, all rows are.
+                :math:`(B, N, 1)`. By default, all rows are.
         """
         if self.training and mask is not None:
             return self._normalize_masked(input, mask)
-        # Some convolutions return features in the memory order (N, B, F). Using the order in memory
-        # avoids a copy.
+        # Some convolutions return features in the memory order (N, B, F). Keeping this order avoids
+        # a copy.
         is_taxel_major = input.dim() == 3 and not input.is_contiguous()
         rows = input.transpose(0, 1) if is_taxel_major else input
         flat = rows.reshape(-1, rows.size(-1))
@@ -59,7 +59,7 @@ class TaxelNorm(BatchNorm1d):
         count, mean, var = _masked_moments(input, mask, norm.running_mean, norm.running_var)
         with torch.no_grad():
             norm.num_batches_tracked += count > 1
-            # Without two rows, the running statistics do not change.
+            # With fewer than two rows, the running statistics do not change.
             step = (count > 1).to(mean) * norm.momentum
             norm.running_mean.lerp_(mean, step)
             norm.running_var.lerp_(var * (count / (count - 1).clamp(min=1)), step)
@@ -68,13 +68,13 @@ class TaxelNorm(BatchNorm1d):
 
 class ReadingNorm(Module):
     r"""Scales each channel of readings to mean zero and standard deviation one over all samples and
-    taxels. It uses the statistics of the batch in training, and the average over all training
-    batches in evaluation. Unlike a moving average, the average is correct after a single batch, so
-    that raw counts are scaled correctly from the start.
+    taxels. During training, it uses the statistics of the batch. In evaluation, it uses their
+    average over all training batches. Unlike a moving average, this average is correct after a
+    single batch, so that raw counts are scaled correctly from the start.
 
     Args:
         num_features (int): Number of channels :math:`F`.
-        eps (float): Constant that is added to the variance.
+        eps (float): Constant added to the variance.
 
     Shapes:
         - **input:** readings :math:`(B, N, F)`
@@ -104,7 +104,7 @@ class ReadingNorm(Module):
         Args:
             x (torch.Tensor): Readings.
             mask (torch.Tensor, optional): Whether each row is part of the statistics
-                :math:`(B, N, 1)`. If left out, all rows are.
+                :math:`(B, N, 1)`. By default, all rows are.
         """
         mean, var = self.running_mean, self.running_var
         if self.training and x.size(0) * x.size(1) > 1:
@@ -125,9 +125,9 @@ class ReadingNorm(Module):
 def _masked_moments(
     rows: Tensor, mask: Tensor, default_mean: Tensor, default_var: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
-    # Returns the number of unmasked rows, their mean and their variance. With fewer than two rows,
-    # the defaults are returned. Rows are weighted and not selected, since a selection has no size
-    # that a compiler knows.
+    # Returns the number of rows in the mask, their mean and their variance. With fewer than two
+    # rows, the default mean and variance are returned. Rows are weighted instead of selected, since
+    # a compiler cannot know the size of a selection.
     weight = mask.to(default_mean.dtype)
     count = weight.sum()
     mean = (rows * weight).sum(dim=(0, 1)) / count.clamp(min=1)
@@ -171,12 +171,12 @@ class TaxelBlock(Module):
 
 
 class TaxelLevel(Module):
-    r"""Blocks on one layout, after the pooling to this layout.
+    r"""Pooling to a layout, followed by blocks on this layout.
 
     Args:
         layout (TaxelLayout): The layout.
         pool (TaxelPool, optional): Pooling from the finer layout.
-        widths (tuple of int): Width before the first block and after each.
+        widths (tuple of int): Widths before the first block and after each block.
         conv (str): :obj:`"sector"`, :obj:`"self"` or :obj:`"difference"`.
         num_sectors (int): Number of sectors.
         fast (bool): Argument of the convolutions.
@@ -217,8 +217,8 @@ class TaxelLevel(Module):
 
 
 def layout_pools(layout: TaxelLayout, max_taxels: int) -> list[TaxelPool]:
-    r"""Returns a sequence of poolings over :math:`2 \times 2` neighbours to a layout with at most
-    :obj:`max_taxels` taxels, or to one that cannot be pooled further.
+    r"""Returns a sequence of poolings over :math:`2 \times 2` neighbours. The last one yields a
+    layout with at most :obj:`max_taxels` taxels, or a layout that cannot be pooled further.
     """
     pools: list[TaxelPool] = []
     with torch.device("cpu"):
@@ -233,8 +233,8 @@ def layout_pools(layout: TaxelLayout, max_taxels: int) -> list[TaxelPool]:
 
 
 def level_widths(widths: Sequence[int] | None, num_levels: int) -> tuple[int, ...]:
-    r"""Returns the width of each level. The last width is repeated for further levels. Without
-    widths, returns the defaults.
+    r"""Returns the width of each level. The last width is repeated for further levels. If
+    :obj:`widths` is :obj:`None`, the defaults are returned.
     """
     if widths is None:
         widths = (32,) if num_levels == 1 else (16, 32, 64)
@@ -244,7 +244,8 @@ def level_widths(widths: Sequence[int] | None, num_levels: int) -> tuple[int, ..
 
 def pitch(layout: TaxelLayout) -> tuple[float, float]:
     r"""Returns the median distances in metres between neighbouring taxels along :math:`x` and
-    :math:`y`. If there are neighbours along one axis only, returns their distance for both.
+    :math:`y`. If there are neighbours along only one axis, their distance is returned for both
+    axes.
     """
     edge_index, sector = layout_sectors(layout, 4)
     length = (layout.pos[edge_index[0]] - layout.pos[edge_index[1]]).norm(dim=1)
@@ -256,8 +257,8 @@ def pitch(layout: TaxelLayout) -> tuple[float, float]:
 
 
 class ByteDropout(Dropout):
-    r"""Dropout as :class:`torch.nn.Dropout`, in less than half the time on a processor, where one
-    random number of 64 bits decides on eight features. The probability is rounded to a multiple of
+    r"""A faster :class:`torch.nn.Dropout`. On a CPU, it takes less than half as long, since one
+    random 64-bit number decides on eight features. The probability is rounded to a multiple of
     1/256, and the remaining features are scaled accordingly.
 
     Shapes:
@@ -266,7 +267,7 @@ class ByteDropout(Dropout):
     """
 
     def forward(self, input: Tensor) -> Tensor:
-        r"""Returns the features with dropped ones set to zero.
+        r"""Returns the features, with dropped features set to zero.
 
         Args:
             input (torch.Tensor): Features.
@@ -280,7 +281,7 @@ class ByteDropout(Dropout):
         ):
             return super().forward(input)
         words = torch.empty(-(-input.numel() // 8), dtype=torch.long)
-        # The full range of integers, so that all bits are random.
+        # Uses the full range of integers, so that all bits are random.
         words.random_(torch.iinfo(torch.long).min, None)
         mask = words.view(torch.uint8)[: input.numel()].view(input.shape) >= threshold
         return input * mask.to(input.dtype).mul_(256 / (256 - threshold))

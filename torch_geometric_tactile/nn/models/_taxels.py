@@ -1,4 +1,4 @@
-r"""The argument :obj:`layout` of models, checks of readings, and the dropout of taxels."""
+r"""Loads the :obj:`layout` argument of models, checks readings and drops taxels."""
 
 import os
 from typing import Any, Union
@@ -12,18 +12,18 @@ from torch_geometric_tactile._typing import PathLike
 from torch_geometric_tactile.nn._sizes import has_taxels
 from torch_geometric_tactile.sensors import TaxelLayout, as_layout, stock_names
 
-# Names of features whose number is the model's argument `in_channels`.
+# Names of features whose number is the argument `in_channels` of the model.
 _CHANNEL_NAMES = ("features", "channels")
 # A layout, the name of a stock layout or the path of a layout file, or the number of taxels.
 LayoutLike = Union[TaxelLayout, int, PathLike]
 
 
 def load_layout(layout: LayoutLike, purpose: str) -> TaxelLayout:
-    r"""Returns the layout of a model that needs more than the number of taxels.
+    r"""Returns the layout for a model that needs more than the number of taxels.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): Argument of the model.
-        purpose (str): Use of the layout, for the message.
+        purpose (str): What the layout is needed for, for the error message.
 
     Raises:
         ValueError: If the argument is a number.
@@ -46,8 +46,8 @@ def count_taxels(layout: LayoutLike) -> int:
 
 
 def portable_layout(layout: Any) -> Any:
-    r"""Returns the layout in a layout file, since the file may not exist on other machines. Other
-    arguments are returned unchanged.
+    r"""Returns the layout if the argument is the path of a layout file, since the file may not
+    exist on other machines. All other arguments are returned unchanged.
     """
     is_file = isinstance(layout, os.PathLike) or (
         isinstance(layout, str) and layout not in stock_names()
@@ -59,14 +59,14 @@ def stacked_readings(x: Tensor, num_taxels: int, num_channels: int, channel_name
     r"""Returns readings as :math:`(B, N, F)`.
 
     Args:
-        x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
             :math:`(B \cdot N, F)`.
         num_taxels (int): Number of taxels :math:`N`.
         num_channels (int): Number of channels :math:`F`.
-        channel_name (str): Name of the channels in the message.
+        channel_name (str): Name of the channels in the error message.
 
     Raises:
-        ValueError: If the readings have another number of taxels or channels.
+        ValueError: If the readings have the wrong number of taxels or channels.
     """
     if x.dim() not in (2, 3) or x.size(-1) != num_channels:
         is_argument = channel_name in _CHANNEL_NAMES
@@ -79,11 +79,11 @@ def stacked_readings(x: Tensor, num_taxels: int, num_channels: int, channel_name
 
 
 def count_samples(x: Tensor, num_taxels: int) -> int:
-    r"""Returns the number of samples in readings :math:`(N, F)`, :math:`(B, N, F)` or those of a
-    PyG batch.
+    r"""Returns the number of samples in readings :math:`(N, F)`, :math:`(B, N, F)` or in the
+    readings of a PyG batch.
 
     Raises:
-        ValueError: If the readings have another number of taxels.
+        ValueError: If the readings have the wrong number of taxels.
     """
     if not has_taxels(x, num_taxels):
         raise ValueError(
@@ -93,7 +93,7 @@ def count_samples(x: Tensor, num_taxels: int) -> int:
 
 
 def check_taxel_dropout(probability: float) -> float:
-    r"""Returns the probability of dropping a taxel in training.
+    r"""Returns the probability of dropping a taxel during training.
 
     Raises:
         ValueError: If the probability is below zero or not below one.
@@ -103,8 +103,9 @@ def check_taxel_dropout(probability: float) -> float:
 
 
 def taxel_mask(x: Tensor, taxel_dropout: float) -> OptTensor:
-    r"""Returns a random mask of the taxels that are not dropped, for each sample :math:`(B, N)`. If
-    all taxels of a sample would be dropped, none is. Returns :obj:`None` for a probability of zero.
+    r"""Returns a random mask :math:`(B, N)` that is true for taxels that are not dropped. If all
+    taxels of a sample would be dropped, none of them is dropped. Returns :obj:`None` for a
+    probability of zero.
 
     Args:
         x (torch.Tensor): Readings :math:`(B, N, F)`.

@@ -1,4 +1,4 @@
-r"""Default widths and pools of threads, and checks of them."""
+r"""Default widths and pool sizes of threads, and their checks."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Optional
@@ -14,12 +14,12 @@ POOLS = (1, 1, 2, 4, 16)
 def checked_widths(
     in_channels: int, widths: Sequence[int], pools: Sequence[int]
 ) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
-    r"""Returns the widths of layers, their pools, and the widths before each layer and after the
-    last one.
+    r"""Returns the widths of layers, their pool sizes, and the widths before each layer and after
+    the last layer.
 
     Raises:
-        ValueError: If there is no layer, the numbers of widths and pools differ, a pool does not
-            divide its width, or a size is below one.
+        ValueError: If there is no layer, the numbers of widths and pool sizes differ, a pool size
+            does not divide its width, or a size is below one.
     """
     check_sizes(in_channels=in_channels)
     widths, pools = checked_layer_widths(widths), tuple(pools)
@@ -35,7 +35,7 @@ def checked_widths(
     return widths, pools, sizes
 
 
-# Defaults from the paper for the threads of the readings and of all other inputs.
+# The paper's settings for the thread of the readings and the threads of all other inputs.
 _TACTILE_THREAD: dict[str, Any] = {"widths": WIDTHS, "pools": POOLS}
 _NARROW_THREAD: dict[str, Any] = {"widths": (7, 14, 28, 28, 56), "pools": (1, 1, 2, 2, 8)}
 
@@ -43,7 +43,7 @@ _NARROW_THREAD: dict[str, Any] = {"widths": (7, 14, 28, 28, 56), "pools": (1, 1,
 def thread_settings(
     inputs: Sequence[str], threads: Optional[Mapping[str, Any]], keys: Sequence[str]
 ) -> dict[str, dict[str, Any]]:
-    r"""Returns the settings of each input's thread. Missing settings are those of the paper.
+    r"""Returns the settings of each input's thread. Missing settings are taken from the paper.
 
     Args:
         inputs (sequence of str): Inputs of the model.
@@ -56,9 +56,7 @@ def thread_settings(
     threads = threads or {}
     for name, settings in threads.items():
         if name not in inputs:
-            raise ValueError(
-                f"'threads' must be settings of the inputs {tuple(inputs)} (got '{name}')"
-            )
+            raise ValueError(f"'threads' must only have the inputs {tuple(inputs)} (got '{name}')")
         unknown_keys = sorted(set(settings or ()) - set(keys))
         if unknown_keys:
             raise ValueError(

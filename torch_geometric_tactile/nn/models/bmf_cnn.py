@@ -19,26 +19,35 @@ from torch_geometric_tactile.nn.pool.bilinear_feature import BilinearFeature
 from torch_geometric_tactile.sensors import TaxelLayout, letter_array
 
 _Fusion = Literal["C3", "bilinear(C1)+C3", "C1+C3", "bilinear(C2)+C3", "C2+C3"]
-_NUM_STRIPS = 7  # of the products in an export; with more strips, slicing takes longer
+_NUM_STRIPS = 7  # strips of the products in an export; more strips make slicing slower
 _FUSIONS: tuple[str, ...] = get_args(_Fusion)
 _DEFAULT_FUSION: _Fusion = "bilinear(C1)+C3"
-MIN_MAP_SIZE = 20  # leaves 3 x 3 cells for the input of C3
+MIN_MAP_SIZE = 20  # leaves an input of 3 x 3 cells for C3
 
 
 class BMFCNN(BaseModel):
-    r"""The BMF-CNN of the "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural
-    Network for Tactile Shape Recognition" paper (:doc:`P5 </papers>`) for letters that are pressed
-    on an array. It has three convolutions, and a fully connected layer on the features of the last
-    convolution and the :class:`~torch_geometric_tactile.nn.BilinearFeature` of the first.
+    r"""The BMF-CNN from the "A Novel Bilinear Feature and Multi-Layer Fused Convolutional Neural
+    Network for Tactile Shape Recognition" paper (:doc:`P5 </papers>`), which recognises letters
+    pressed onto a sensor array. It has three convolutions. A fully connected layer takes the
+    features of the last convolution and the :class:`~torch_geometric_tactile.nn.BilinearFeature` of
+    the first.
 
-    For 32 x 32 pixels and without padding, its layers and their outputs are: C1, 5 x 5,
-    28 x 28 x 16, batch normalisation, ReLU; max pooling of 2 x 2; C2, 3 x 3, 12 x 12 x 32, ReLU;
-    max pooling of 2 x 2; C3, 3 x 3, 4 x 4 x 64 = 1024, ReLU; F-C1, 120, ReLU; F-C2, 26. The
-    bilinear feature of C1 before pooling has 28 x 28 x 16 = 12,544 numbers, so that F-C1 has 13,568
-    inputs. Before the fusion, the features of each layer are divided by their :math:`\ell_2` norm.
+    For images of 32 x 32 pixels, the layers (without padding) are:
 
-    The paper states neither whether ReLU follows F-C1 nor which of Xavier's distributions
-    initialises the weights. Here, ReLU follows, and the distribution is uniform. C1 has no bias,
+    * C1: 5 x 5 filters, output 28 x 28 x 16, batch normalisation, ReLU;
+    * max pooling over 2 x 2 cells;
+    * C2: 3 x 3 filters, output 12 x 12 x 32, ReLU;
+    * max pooling over 2 x 2 cells;
+    * C3: 3 x 3 filters, output 4 x 4 x 64 (1024 features), ReLU;
+    * F-C1: fully connected, 120 outputs, ReLU;
+    * F-C2: fully connected, 26 outputs.
+
+    The bilinear feature of C1 before pooling has 28 x 28 x 16 = 12,544 numbers. F-C1 therefore has
+    12,544 + 1024 = 13,568 inputs. Before the fusion, the features of each layer are divided by
+    their :math:`\ell_2` norm.
+
+    The paper does not state whether ReLU follows F-C1, or which Xavier distribution initialises the
+    weights. This implementation applies ReLU and uses the uniform distribution. C1 has no bias,
     since batch normalisation follows.
 
     Args:
@@ -47,22 +56,23 @@ class BMFCNN(BaseModel):
             without a taxel are zero. Defaults to
             :func:`~torch_geometric_tactile.sensors.letter_array`.
         out_channels (int): Number of classes :math:`C`.
-        in_channels (int): Features of each taxel :math:`F`.
-        fusion (str): Inputs of F-C1, from the paper's Table 4: :obj:`"C3"`,
+        in_channels (int): Number of input features per taxel :math:`F`.
+        fusion (str): Inputs of F-C1, as named in the paper's Table 4: :obj:`"C3"`,
             :obj:`"bilinear(C1)+C3"`, :obj:`"C1+C3"`, :obj:`"bilinear(C2)+C3"` or :obj:`"C2+C3"`.
-            C3 alone is not divided by its norm.
-        bilinear (bool): If :obj:`False`, creates the paper's traditional CNN, which is
+            Without a fusion, the features from C3 are not divided by their norm.
+        bilinear (bool): If :obj:`False`, creates the paper's traditional CNN, which is the same as
             :obj:`fusion="C3"`.
         hidden_channels (int): Width of F-C1.
 
     Shapes:
-        - **input:** images :math:`(B, F, H, W)`, or readings :math:`(N, F)`, :math:`(B, N, F)` or
-          those of a PyG batch :math:`(B \cdot N, F)`
+        - **input:** images :math:`(B, F, H, W)`, or readings :math:`(N, F)`, :math:`(B, N, F)` or,
+          for a PyG batch, :math:`(B \cdot N, F)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If the layout has no image map or a smaller one, the fusion is unknown or
-            contradicts :obj:`bilinear`, a size is below one, or the input has another shape.
+        ValueError: If the layout has no image map or its image map is too small, :obj:`fusion` is
+            unknown or contradicts :obj:`bilinear`, a size is below one, or the input has the wrong
+            shape.
 
     Examples:
         >>> model = BMFCNN()
@@ -111,7 +121,7 @@ class BMFCNN(BaseModel):
         self.reset_parameters()
 
     def reset_parameters(self) -> None:
-        r"""Resets all learnable parameters, by Xavier's initialisation with biases of zero."""
+        r"""Resets all learnable parameters, using Xavier initialisation and zero biases."""
         self.norm1.reset_parameters()
         for layer in (self.conv1, self.conv2, self.conv3, self.fc1, self.fc2):
             xavier_uniform_(layer.weight)
@@ -122,9 +132,10 @@ class BMFCNN(BaseModel):
         return self.fc2(self._hidden(self._maps(x)))
 
     def features(self, x: Tensor) -> dict[str, Tensor]:
-        r"""Returns the features of each layer by its name in the paper, after ReLU and before
-        pooling: :obj:`"C1"`, :obj:`"bilinear(C1)"`, :obj:`"C2"`, :obj:`"bilinear(C2)"`,
-        :obj:`"C3"` and :obj:`"F-C1"`. Bilinear features are included for any fusion.
+        r"""Returns the features of each layer after ReLU and before pooling. The keys are the names
+        of the layers in the paper: :obj:`"C1"`, :obj:`"bilinear(C1)"`, :obj:`"C2"`,
+        :obj:`"bilinear(C2)"`, :obj:`"C3"` and :obj:`"F-C1"`. The bilinear features are included
+        whatever the fusion.
 
         Args:
             x (torch.Tensor): Images or readings.
@@ -155,7 +166,7 @@ class BMFCNN(BaseModel):
         rows, columns = self.image.size
         if x.dim() != 4 or x.shape[1:] != (self.in_channels, rows, columns):
             raise ValueError(
-                f"'x' must have shape (batch_size, {self.in_channels}, {rows}, {columns}) if it is "
+                f"'x' must have shape (batch_size, {self.in_channels}, {rows}, {columns}) for "
                 f"images (got {tuple(x.shape)})"
             )
         return x
@@ -173,7 +184,7 @@ class BMFCNN(BaseModel):
         if torch.compiler.is_compiling() and torch.onnx.is_in_onnx_export() and self._is_plain():
             return _linear_of_symmetric(self.fc1, self.bilinear_feature, source, rows).relu()
         feature = self.bilinear_feature(source)
-        # Each of the maps has norm one, so this divides by the norm of all maps.
+        # Each map has norm one, so this divides by the norm over all maps.
         feature = feature / feature.size(1) ** 0.5
         return self.fc1(torch.cat([feature.flatten(1), rows], dim=1)).relu()
 
@@ -202,11 +213,12 @@ class BMFCNN(BaseModel):
 def _linear_of_symmetric(
     lin: Linear, bilinear: BilinearFeature, source: Tensor, rows: Tensor
 ) -> Tensor:
-    # Returns `lin` of the bilinear feature and `rows`, for an export. The feature is symmetric, so
-    # most pairs of equal numbers are multiplied once, with the sum of their weights. A single image
-    # waits for weights to be read from memory, and 4 of 7 weights remain. The upper triangle is cut
-    # into strips, since gathering single numbers takes longer than reading more of them. An ONNX
-    # runtime adds the weights up when it loads the file; PyTorch would do so at each call.
+    # Returns the output of `lin` for the bilinear feature and `rows`, for an export. The feature is
+    # symmetric, so most pairs of equal numbers are multiplied only once, by the sum of their
+    # weights. For a single image, most of the time goes into reading weights from memory, and this
+    # method reads 4 of 7 weights. The upper triangle is cut into strips, since gathering single
+    # numbers is slower than reading some redundant ones. An ONNX runtime adds the weights when it
+    # loads the file; PyTorch would add them at each call.
     num_maps, width = source.size(1), source.size(-1)
     weight, row_weight = lin.weight.tensor_split([num_maps * width * width], dim=1)
     weight = weight.view(-1, num_maps, width, width)
@@ -221,12 +233,12 @@ def _linear_of_symmetric(
         sums = torch.cat([weight[square], weight[right] + transposed_weight[right]], dim=-1)
         products.append(phi[..., start:stop, start:].flatten(2))
         weights.append(sums.flatten(2))
-        # Numbers right of the square stand for themselves and their mirror image in the norm.
+        # In the norm, each number to the right of the square also counts for its mirror image.
         count = phi.new_full((stop - start, width - start), 2.0)
         count[:, : stop - start] = 1.0
         counts.append(count.flatten())
     root = bilinear._signed_root(torch.cat(products, dim=2))  # (B, maps, products)
-    # The norm of each map, times the root of the number of maps for the norm of all maps.
+    # The norm of each map times the root of the number of maps, which gives the norm over all maps.
     norm = (root * root @ torch.cat(counts) * num_maps).sqrt()
     feature = (root / norm.unsqueeze(-1)).flatten(1)
     weight = torch.cat([torch.cat(weights, dim=2).flatten(1), row_weight], dim=1)

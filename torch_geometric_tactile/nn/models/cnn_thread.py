@@ -11,24 +11,25 @@ from torch_geometric_tactile.nn.models.thread import Thread
 
 
 class CNNThread(Thread):
-    r"""A thread of convolutions on the image map of a hand, with the widths and pools of a
-    :class:`~torch_geometric_tactile.nn.models.GCNThread`. Each convolution is 3 x 3 with zero
-    padding, followed by a :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU. Cells
-    without a taxel are zero in the input and not part of the output.
+    r"""A thread of convolutions on the image map of a hand, with the same default widths and pool
+    sizes as :class:`~torch_geometric_tactile.nn.models.GCNThread`. Each convolution has 3 x 3
+    filters and zero padding, and is followed by a
+    :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU. Cells without a taxel are
+    zero in the input and are not part of the output.
 
     Args:
-        in_channels (int): Features of each taxel.
+        in_channels (int): Number of input features per taxel.
         image_map (torch.Tensor): Row and column of each taxel :math:`(N, 2)`.
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): Number of channels for each maximum, after each convolution.
+        pools (sequence of int): Pool size in channels after each convolution.
 
     Shapes:
         - **input:** features :math:`(B, N, F)`
         - **output:** features :math:`(B, N, F')`
 
     Raises:
-        ValueError: If a pool does not divide its width, the numbers of widths and pools differ, or
-            :obj:`x` has another number of taxels or channels.
+        ValueError: If a pool size does not divide its width, the numbers of widths and pool sizes
+            differ, or :obj:`x` has the wrong number of taxels or channels.
 
     Examples:
         >>> import torch
@@ -55,11 +56,12 @@ class CNNThread(Thread):
     def forward(
         self, x: Tensor, edge_index: OptTensor = None, edge_weight: OptTensor = None
     ) -> Tensor:
-        r"""Returns the convolved features of the taxels.
+        r"""Returns the features of the taxels after the convolutions.
 
         Args:
             x (torch.Tensor): Features.
-            edge_index (torch.Tensor, optional): Not used, since the map defines the neighbours.
+            edge_index (torch.Tensor, optional): Not used, since the image map defines the
+                neighbours.
             edge_weight (torch.Tensor, optional): Not used.
         """
         if x.dim() != 3 or x.size(1) != len(self.cell) or x.size(2) != self.in_channels:

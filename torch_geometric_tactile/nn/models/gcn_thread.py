@@ -14,34 +14,34 @@ from torch_geometric_tactile.nn.models.thread import Thread
 
 
 class GCNThread(Thread):
-    r"""A thread of graph convolutions of the "Tactile Object Property Recognition using Geometrical
-    Graph Edge Features and Multi-Thread Graph Convolutional Network" paper. Each layer is a
-    :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv`, a
+    r"""A thread of graph convolutions from the "Tactile Object Property Recognition using
+    Geometrical Graph Edge Features and Multi-Thread Graph Convolutional Network" paper. Each layer
+    consists of a :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv`, a
     :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU.
 
     .. math::
         \mathbf{H}^{(l+1)} = \max \left( 0, \mathrm{pool}_{k_l} \left( \hat{\mathbf{A}}
         \mathbf{H}^{(l)} \mathbf{W}^{(l)} + \mathbf{b}^{(l)} \right) \right)
 
-    The defaults are the paper's thread for readings, "14, 28, 56(P)28, 112(P)28, 112(P)7".
+    The defaults correspond to the paper's thread for readings: "14, 28, 56(P)28, 112(P)28,
+    112(P)7".
 
     Args:
-        in_channels (int): Features of each taxel.
+        in_channels (int): Number of input features per taxel.
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): Number of channels for each maximum, after each convolution.
-        fast (bool): Whether to compute batches of at least eight samples on a processor by
-            :mod:`torch_geometric_tactile.nn._pooled_gcn`. Its results are the same, but it has no
-            second derivative.
+        pools (sequence of int): Pool size in channels after each convolution.
+        fast (bool): Whether to use a faster implementation for batches of at least eight samples on
+            a CPU. It returns the same results, but does not support second derivatives.
 
     Shapes:
-        - **input:** node features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** node features :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)`
-        - **output:** node features of the same leading shape, with the last width divided by the
-          last pool
+        - **output:** node features with the same leading shape, and the last width divided by the
+          last pool size
 
     Raises:
-        ValueError: If there is no layer, the numbers of widths and pools differ, a pool does not
-            divide its width, or :obj:`x` has another number of channels.
+        ValueError: If there is no layer, the numbers of widths and pool sizes differ, a pool size
+            does not divide its width, or :obj:`x` has the wrong number of channels.
 
     Examples:
         >>> import torch
@@ -66,12 +66,12 @@ class GCNThread(Thread):
     def forward(
         self, x: Tensor, edge_index: OptTensor = None, edge_weight: OptTensor = None
     ) -> Tensor:
-        r"""Returns the convolved node features.
+        r"""Returns the node features after the convolutions.
 
         Args:
             x (torch.Tensor): Node features.
             edge_index (torch.Tensor): Edges.
-            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
+            edge_weight (torch.Tensor, optional): Edge weights. Defaults to ones.
         """
         if x.dim() not in (2, 3) or x.size(-1) != self.in_channels:
             raise ValueError(

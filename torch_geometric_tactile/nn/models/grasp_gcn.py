@@ -16,49 +16,50 @@ from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels
 
 
 class GraspGCN(BaseModel):
-    r"""The GCN-DF, GCN-FF and one-finger GCNs of the "Tactile Grasp Stability Classification Based
-    on Graph Convolutional Networks" paper (:doc:`P3 </papers>`).
+    r"""The GCN-DF, GCN-FF and one-finger GCNs from the "Tactile Grasp Stability Classification
+    Based on Graph Convolutional Networks" paper (:doc:`P3 </papers>`).
 
-    They have one graph convolution with ReLU on the electrodes, and one fully connected layer on
-    all node features. All fingers have the same graph. The channels of :obj:`x` are those of the
-    first finger, then those of the second, and so on.
+    These models have one graph convolution with ReLU on the electrodes, and one fully connected
+    layer on all node features. All fingers share the same graph. The channels of :obj:`x` are
+    ordered by finger: all channels of the first finger, then all channels of the second, and so on.
 
     * :obj:`fusion="data"` (GCN-DF): one convolution on the signals of all fingers.
-    * :obj:`fusion="feature"` (GCN-FF): a convolution for each finger, whose features are
-      concatenated.
+    * :obj:`fusion="feature"` (GCN-FF): one convolution for each finger. The features of the fingers
+      are concatenated.
     * :obj:`fusion=None` (GCN-L, -M, -R): one convolution on the signals of finger :obj:`finger`.
 
-    The paper states neither the hidden width, which is 64 here, nor how node features enter the
-    fully connected layer, which are flattened here. The outputs are logits; the softmax of two
-    equals the paper's sigmoid.
+    The paper does not state the hidden width, or how the node features enter the fully connected
+    layer. This implementation uses a width of 64 and flattens the node features. The outputs are
+    logits. For two classes, their softmax equals the paper's sigmoid.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout of one finger, the name of a stock
             layout, the path of a layout file, or the number of electrodes :math:`N`.
         out_channels (int): Number of classes.
-        in_channels (int): Number of channels of one finger at each electrode. For windows, they are
-            the frames (60 in the paper).
+        in_channels (int): Number of channels of one finger at each electrode. For windows, this is
+            the number of frames (60 in the paper).
         hidden_channels (int): Width of the graph convolution.
         num_fingers (int): Number of fingers :math:`K`.
         fusion (str, optional): :obj:`"data"`, :obj:`"feature"` or :obj:`None`.
-        finger (int, optional): The finger to use, if :obj:`fusion` is :obj:`None`.
-        num_layers (int): Number of graph convolutions, one in the paper.
-        dropout (float): Probability of dropping all features of an electrode in training before the
-            fully connected layer, zero in the paper.
-        num_joints (int): Number of joint angles that are inputs of the fully connected layer. They
-            may be other values of the hand, such as forces and torques (the paper's outlook).
-        fast (bool): Whether to multiply samples on one topology by a matrix, as in
+        finger (int, optional): Index of the finger to use if :obj:`fusion` is :obj:`None`.
+        num_layers (int): Number of graph convolutions (one in the paper).
+        dropout (float): Probability of dropping all features of an electrode before the fully
+            connected layer during training (zero in the paper).
+        num_joints (int): Number of joint angles that are appended to the input of the fully
+            connected layer. Other measurements from the hand can be used instead, such as forces
+            and torques (suggested in the paper's outlook).
+        fast (bool): Whether to propagate samples on one topology with a matrix product, as in
             :class:`~torch_geometric_tactile.nn.conv.StaticGCNConv`.
 
     Shapes:
-        - **input:** readings :math:`(B, N, K \cdot F)`, or those of a PyG batch :math:`(B \cdot N,
-          K \cdot F)`, edges :math:`(2, |\mathcal{E}|)`, optional edge weights
+        - **input:** readings :math:`(B, N, K \cdot F)` or, for a PyG batch,
+          :math:`(B \cdot N, K \cdot F)`, edges :math:`(2, |\mathcal{E}|)`, optional edge weights
           :math:`(|\mathcal{E}|,)`, joint angles :math:`(B, J)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
         ValueError: If :obj:`fusion` is unknown, :obj:`finger` is missing, superfluous or out of
-            range, a size is below one, or :obj:`x` has another number of nodes or channels.
+            range, a size is below one, or :obj:`x` has the wrong number of nodes or channels.
 
     Examples:
         >>> model = GraspGCN("biotac_sp", 2, fusion="data")
@@ -139,24 +140,24 @@ class GraspGCN(BaseModel):
     ) -> Tensor:
         r"""Returns the logits of the classes.
 
-        The order of the arguments is that of
+        The arguments have the same order as in
         :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
 
         Args:
             x (torch.Tensor): Readings.
             edge_index (torch.Tensor): Edges.
             edge_attr, absolute, pos (torch.Tensor, optional): Not used.
-            joint (torch.Tensor, optional): Joint angles in radians or other values of the hand
-                :math:`(B, J)`, if :obj:`num_joints` is not 0.
-            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
+            joint (torch.Tensor, optional): Joint angles in radians or other measurements from the
+                hand :math:`(B, J)`. Required if :obj:`num_joints` is not 0.
+            edge_weight (torch.Tensor, optional): Edge weights. Defaults to ones.
         """
         edge_index = required_edges(edge_index)
         # PyG's layers take weights as `edge_attr` or `edge_weight`. Ignoring them silently would
-        # give other results.
+        # change the results.
         if edge_attr is not None and edge_attr.dim() == 1:
             raise ValueError(
-                "'edge_attr' must be edge features, which this model does not use; pass weights of "
-                f"edges as 'edge_weight' (got shape {tuple(edge_attr.shape)})"
+                "'edge_attr' must be edge features, which this model does not use; pass edge "
+                f"weights as 'edge_weight' (got shape {tuple(edge_attr.shape)})"
             )
         width = self.num_fingers * self.in_channels
         if x.dim() not in (2, 3) or x.size(-1) != width or x.size(-2) % self.num_nodes:

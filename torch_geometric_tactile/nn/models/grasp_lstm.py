@@ -15,8 +15,8 @@ from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels, 
 
 
 class _LSTMCells(Module):
-    r"""The layers of a :class:`torch.nn.LSTM` with :obj:`batch_first=True`, and with the same names
-    of weights. Unlike that class, :func:`torch.compile` can compile it.
+    r"""The layers of a :class:`torch.nn.LSTM` with :obj:`batch_first=True`. The weights have the
+    same names. Unlike :class:`torch.nn.LSTM`, this module can be compiled by :func:`torch.compile`.
     """
 
     def __init__(self, in_channels: int, hidden_channels: int, num_layers: int = 1) -> None:
@@ -35,7 +35,7 @@ class _LSTMCells(Module):
         self.reset_parameters()
 
     def reset_parameters(self) -> None:
-        r"""Resets all learnable parameters, as :class:`torch.nn.LSTM` does."""
+        r"""Resets all learnable parameters in the same way as :class:`torch.nn.LSTM`."""
         bound = self.hidden_channels**-0.5
         for weight in self.parameters():
             torch.nn.init.uniform_(weight, -bound, bound)
@@ -49,8 +49,9 @@ class _LSTMCells(Module):
         zeros = x.new_zeros(self.num_layers, x.size(0), self.hidden_channels)
         weights: list[Tensor] = list(self.parameters())
         if torch.compiler.is_compiling():
-            # For an input that needs no gradient, PyTorch compiles a layer of oneDNN, which has
-            # none for the weights. Adding zero times a weight makes the input need a gradient.
+            # If the input needs no gradient, PyTorch compiles to a oneDNN layer, which does not
+            # compute gradients of the weights. Adding zero times a weight makes the input need a
+            # gradient.
             x = x + 0 * weights[0][0, 0]
         out, _, _ = torch.lstm(
             x, (zeros, zeros), weights, True, self.num_layers, 0.0, self.training, False, True
@@ -59,13 +60,13 @@ class _LSTMCells(Module):
 
 
 class GraspLSTM(BaseModel):
-    r"""The LSTM-L, -M, -R and -F of the "Tactile Grasp Stability Classification Based on Graph
-    Convolutional Networks" paper (:doc:`P3 </papers>`). They have one layer of 128 cells over time
-    on the signals of all electrodes, of one finger or (F) of all fingers, and one fully connected
-    layer on the hidden state of the last frame.
+    r"""The LSTM-L, -M, -R and -F from the "Tactile Grasp Stability Classification Based on Graph
+    Convolutional Networks" paper (:doc:`P3 </papers>`). These models have one LSTM layer with 128
+    cells, and one fully connected layer on the hidden state of the last frame. The input is the
+    signals of all electrodes, either of one finger (L, M, R) or of all fingers (F).
 
-    They use no graph. The input of a frame are the readings sorted by electrode, then by finger.
-    The outputs are logits; for two classes, their softmax equals the paper's sigmoid of the
+    No graph is used. The input of a frame consists of its readings, sorted by electrode and then by
+    finger. The outputs are logits. For two classes, their softmax equals the paper's sigmoid of the
     difference.
 
     Args:
@@ -73,18 +74,18 @@ class GraspLSTM(BaseModel):
             layout, the path of a layout file, or the number of electrodes :math:`N`.
         out_channels (int): Number of classes :math:`C`.
         num_fingers (int): Number of fingers :math:`K`, whose signals are concatenated.
-        finger (int, optional): Index of the only finger to use. If left out, all fingers are used.
-        hidden_channels (int): Number of cells.
-        num_layers (int): Number of layers, one in the paper.
+        finger (int, optional): Index of the finger to use. By default, all fingers are used.
+        hidden_channels (int): Number of LSTM cells.
+        num_layers (int): Number of LSTM layers (one in the paper).
 
     Shapes:
         - **input:** windows of any number of frames :math:`T`: :math:`(N, K \cdot T)`,
-          :math:`(B, N, K \cdot T)` or those of a PyG batch :math:`(B \cdot N, K \cdot T)`
+          :math:`(B, N, K \cdot T)` or, for a PyG batch, :math:`(B \cdot N, K \cdot T)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If :obj:`finger` is out of range, a size is below one, or :obj:`x` has another
-            number of electrodes or a number of columns that :math:`K` does not divide.
+        ValueError: If :obj:`finger` is out of range, a size is below one, or :obj:`x` has the wrong
+            number of electrodes or a number of columns that is not a multiple of :math:`K`.
 
     Examples:
         >>> model = GraspLSTM("biotac", 2)

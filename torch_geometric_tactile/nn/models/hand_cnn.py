@@ -15,38 +15,39 @@ from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
 
 class HandCNN(TactileModel):
-    r"""The CNN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). The inputs of the
-    taxels are convolved on a map of the hand, with the widths of the GCN, followed by fully
-    connected layers.
+    r"""The CNN from the "Tactile Object Property Recognition using Geometrical Graph Edge Features
+    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It applies
+    convolutions to the inputs on an image map of the hand, followed by fully connected layers. The
+    widths are the same as in the GCN.
 
-    The paper does not show its map. The map here is that of the layout, on which patches are
-    arranged as on the hand with empty cells between them. After the last convolution, the features
-    of the taxels' cells are selected, which gives the paper's :math:`384 \cdot 7` features.
+    The paper does not show its map. This implementation uses the image map of the layout, in which
+    the patches are arranged as on the hand, with empty cells between them. After the last
+    convolution, only the cells with a taxel are kept, which gives the paper's :math:`384 \cdot 7`
+    features.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout or the path of
             a layout file. It must have an :obj:`image_map`.
         out_channels (int): Number of labels or classes :math:`C`.
-        inputs (sequence of str): Inputs, of :obj:`"tactile"`, :obj:`"absolute"` and
+        inputs (sequence of str): Inputs to use: any of :obj:`"tactile"`, :obj:`"absolute"` and
             :obj:`"position"`.
         num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
-        channels (dict, optional): Features of a taxel by input, if not 3 or 4.
+        channels (dict, optional): Number of features per taxel by input, for inputs that differ
+            from the default (3 or 4).
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): Number of channels for each maximum, after each convolution.
+        pools (sequence of int): Pool size in channels after each convolution.
         head_widths (sequence of int): Width of each fully connected layer.
-        head_pools (sequence of int): Number of channels for each maximum, after each fully
-            connected layer.
+        head_pools (sequence of int): Pool size in channels after each fully connected layer.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`; further inputs as in
           :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If the layout has no image map, or an input is unknown, missing or of another
-            shape.
+        ValueError: If the layout has no image map, or an input is unknown, is missing or has the
+            wrong shape.
 
     Examples:
         >>> model = HandCNN(inputs=("tactile", "absolute"))

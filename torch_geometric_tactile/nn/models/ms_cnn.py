@@ -22,55 +22,61 @@ from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 from torch_geometric_tactile.nn.models.pooled_mlp import PooledMLP
 from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
-# Widths of the convolutions and of the fully connected layer by number of channels, in the paper.
+# The paper's widths of the convolutions and of the fully connected layer, by number of channels.
 _WIDTHS = {3: (14, 28, 56), 1: (5, 9, 18)}
 _HIDDEN_WIDTHS = {3: 1200, 1: 400}
-_NUM_FORCE_CHANNELS = 3  # the last of which is along the normal
+_NUM_FORCE_CHANNELS = 3  # the last channel is along the normal
 
 
 class MSCNN(TactileModel):
-    r"""The MS-CNN of the "Morphology-Specific Convolutional Neural Networks for Tactile Object
+    r"""The MS-CNN from the "Morphology-Specific Convolutional Neural Networks for Tactile Object
     Recognition with a Multi-Fingered Hand" paper (:doc:`P4 </papers>`). It has three convolutions,
-    each on maps of patches, of fingers or of the hand. Their outputs are joined as the patches are
-    arranged on the hand. Two fully connected layers on the features and joint angles follow.
+    each on maps of the patches, the fingers or the whole hand. The output maps are joined according
+    to the arrangement of the patches on the hand. Two fully connected layers take the resulting
+    features and the joint angles.
 
-    The :obj:`pattern` determines the maps of each convolution
+    The :obj:`pattern` determines which maps each convolution uses
     (:obj:`~torch_geometric_tactile.nn.models._hand_maps.PATTERNS`):
 
-    * I: the hand, with zeros above the thumb;
-    * II: patches, then the hand; III: patches twice, then the hand;
-    * IV, the best of the paper: patches, then fingers, then the hand;
-    * V: patches, then fingers twice; VI: patches only; VII: fingers only.
+    * I: the hand only, with zeros above the thumb;
+    * II: patches, then the hand;
+    * III: patches twice, then the hand;
+    * IV (the best pattern in the paper): patches, then fingers, then the hand;
+    * V: patches, then fingers twice;
+    * VI: patches only;
+    * VII: fingers only.
 
-    There is neither padding nor pooling, so that an output is smaller than its map. The widths are
-    3, 14, 28 and 56 (1, 5, 9 and 18 with one channel), followed by 1200 (400). As in the paper, the
-    initial weights are drawn from a normal distribution of standard deviation 0.1, truncated at two
-    standard deviations. The paper does not state the initial biases, which are zero here.
+    The convolutions have neither padding nor pooling, so that each output is smaller than its map.
+    The widths are 3, 14, 28 and 56, followed by 1200. With one channel, they are 1, 5, 9 and 18,
+    followed by 400. As in the paper, the initial weights are drawn from a normal distribution with
+    standard deviation 0.1, truncated at two standard deviations. The paper does not state the
+    initial biases; they are zero here.
 
-    The paper's little finger is the layout's ring finger. Weights are shared between maps of the
-    same size with filters of the same size.
+    The ring finger of the layout is called the little finger in the paper.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout or the path of
-            a layout file. On its :obj:`image_map`, the patches of a digit must be one above the
-            other with the fingertip at the top, and the digits side by side. The digit named
-            :obj:`"thumb"` is the thumb.
+            a layout file. On its :obj:`image_map`, the patches of each digit must be stacked
+            vertically with the fingertip at the top, and the digits must be side by side. The thumb
+            must be named :obj:`"thumb"`.
         out_channels (int): Number of classes :math:`C`.
         pattern (str): :obj:`"I"` to :obj:`"VII"`.
-        share_weights (bool): Whether maps share their filters.
-        channels (int): 3 for all force components, or 1 for the component along the normal, which
-            is the last of three channels or the only channel.
+        share_weights (bool): Whether maps of the same size that have filters of the same size share
+            these filters.
+        channels (int): 3 for all force components, or 1 for the component along the normal. The
+            component along the normal is the last of three channels, or the only channel.
         num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
-        hidden_channels (int, optional): Width of the fully connected layer, if not 1200 or 400.
+        hidden_channels (int, optional): Width of the fully connected layer. Defaults to 1200, or to
+            400 with one channel.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`; joint angles :math:`(B, J)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
         ValueError: If the pattern is unknown or does not fit the layout, the layout has no image
-            map, a size is below one, or an input is missing or of another shape.
+            map, a size is below one, or an input is missing or has the wrong shape.
 
     Examples:
         >>> model = MSCNN(pattern="IV", share_weights=True)
@@ -144,7 +150,7 @@ class MSCNN(TactileModel):
         return super().collect(name, x, *unused)
 
     def extract(self, parts: dict[str, Tensor], x: Tensor, edge_index: OptTensor) -> Tensor:
-        r"""Returns the features of each cell of the last maps :math:`(B, M, F)`."""
+        r"""Returns the features of each cell in the last maps :math:`(B, M, F)`."""
         h = F.pad(parts["tactile"], (0, 0, 0, 1))  # appends zeros for cells without a taxel
         for stage in self.stages:
             h = stage(h)

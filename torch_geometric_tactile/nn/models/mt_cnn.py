@@ -16,9 +16,9 @@ from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
 
 class MTCNN(TactileModel):
-    r"""The MT-CNN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It has a thread of
-    convolutions on the image map of the hand for each input, with the widths of
+    r"""The MT-CNN from the "Tactile Object Property Recognition using Geometrical Graph Edge
+    Features and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). For each
+    input, it has a thread of convolutions on the image map of the hand, with the same widths as in
     :class:`~torch_geometric_tactile.nn.models.MTGCN`. The features of the threads are concatenated
     before the fully connected layers.
 
@@ -26,25 +26,25 @@ class MTCNN(TactileModel):
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout or the path of
             a layout file. It must have an :obj:`image_map`.
         out_channels (int): Number of labels or classes :math:`C`.
-        inputs (sequence of str): Inputs, of :obj:`"tactile"`, :obj:`"absolute"` and
-            :obj:`"position"`. Each has a thread, in this order.
-        threads (dict, optional): Settings :obj:`widths` and :obj:`pools` of a thread by input, if
-            they differ from the paper.
+        inputs (sequence of str): Inputs to use: any of :obj:`"tactile"`, :obj:`"absolute"` and
+            :obj:`"position"`. Each input has a thread. The threads are concatenated in this order.
+        threads (dict, optional): Settings of the threads by input, to override the paper's values.
+            Each value is a dictionary with :obj:`widths`, :obj:`pools` or both.
         num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
-        channels (dict, optional): Features of a taxel by input, if not 3 or 4.
+        channels (dict, optional): Number of features per taxel by input, for inputs that differ
+            from the default (3 or 4).
         head_widths (sequence of int): Width of each fully connected layer.
-        head_pools (sequence of int): Number of channels for each maximum, after each fully
-            connected layer.
+        head_pools (sequence of int): Pool size in channels after each fully connected layer.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`; further inputs as in
           :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If the layout has no image map, or an input is unknown, missing or of another
-            shape.
+        ValueError: If the layout has no image map, or an input is unknown, is missing or has the
+            wrong shape.
 
     Examples:
         >>> MTCNN().head.in_channels

@@ -17,8 +17,8 @@ from torch_geometric_tactile.sensors._checks import check_edges
 
 
 class MTGCN(TactileModel):
-    r"""The MT-GCN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It has a
+    r"""The MT-GCN from the "Tactile Object Property Recognition using Geometrical Graph Edge
+    Features and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It has one
     :class:`~torch_geometric_tactile.nn.models.GCNThread` for each input. The features of the
     threads are concatenated before the fully connected layers.
 
@@ -26,41 +26,44 @@ class MTGCN(TactileModel):
         \mathbf{H} = \left( f_1(\mathbf{H}_1, \mathbf{A}_1), \ldots,
         f_M(\mathbf{H}_M, \mathbf{A}_M) \right)
 
-    The defaults are the paper's: "14, 28, 56(P)28, 112(P)28, 112(P)7" for readings and "7, 14,
-    28(P)14, 28(P)14, 56(P)7" for all other inputs. The paper's table has 28 as the last number,
-    which contradicts its input of the fully connected layers, :math:`384 \cdot 7` per thread.
+    The defaults follow the paper: "14, 28, 56(P)28, 112(P)28, 112(P)7" for readings and "7, 14,
+    28(P)14, 28(P)14, 56(P)7" for all other inputs. The paper's table gives 28 as the last number.
+    This contradicts the stated input of the fully connected layers, which is :math:`384 \cdot 7`
+    per thread.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
-            of a layout file, or the number of taxels. Names of adjacencies require a layout.
+            of a layout file, or the number of taxels. A layout is required if an adjacency is
+            selected by name.
         out_channels (int): Number of labels or classes :math:`C`.
-        inputs (sequence of str): Inputs, of :obj:`"tactile"`, :obj:`"edge"`, :obj:`"absolute"` and
-            :obj:`"position"`. Each has a thread, in this order.
-        threads (dict, optional): Settings of a thread by input, if they differ from the paper:
-            :obj:`widths`, :obj:`pools` and :obj:`adjacency`. The latter are edges
-            :math:`(2, |\mathcal{E}_m|)` (a tensor or lists) or their name in the layout. They
-            replace the edges of the data, and PyG's explainers do not explain them.
-        num_edges (int, optional): Number of edges, for the dense encoder of :obj:`"edge"`.
+        inputs (sequence of str): Inputs to use: any of :obj:`"tactile"`, :obj:`"edge"`,
+            :obj:`"absolute"` and :obj:`"position"`. Each input has a thread. The threads are
+            concatenated in this order.
+        threads (dict, optional): Settings of the threads by input, to override the paper's values.
+            Each value is a dictionary with :obj:`widths`, :obj:`pools` and :obj:`adjacency`, all
+            optional. An :obj:`adjacency` consists of edges :math:`(2, |\mathcal{E}_m|)` (a tensor
+            or lists), or is the name of an adjacency of the layout. It replaces the edges of the
+            data. PyG's explainers do not explain it.
+        num_edges (int, optional): Number of edges. Required by the dense encoder of :obj:`"edge"`.
         num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
-        channels (dict, optional): Features of a taxel by input, if not 3 or 4.
-        encoder (str or torch.nn.Module): Encoder of edge features: :obj:`"dense"`, which is the
-            paper's, :obj:`"message"`, :obj:`"attention"` or a module.
+        channels (dict, optional): Number of features per taxel by input, for inputs that differ
+            from the default (3 or 4).
+        encoder (str or torch.nn.Module): Encoder of edge features: :obj:`"dense"` (as in the
+            paper), :obj:`"message"`, :obj:`"attention"` or a module.
         head_widths (sequence of int): Width of each fully connected layer.
-        head_pools (sequence of int): Number of channels for each maximum, after each fully
-            connected layer.
-        fast (bool): Whether to compute batches of at least eight samples on a processor by
-            :mod:`torch_geometric_tactile.nn._pooled_gcn`. Its results are the same, but it has no
-            second derivative.
+        head_pools (sequence of int): Pool size in channels after each fully connected layer.
+        fast (bool): Whether to use a faster implementation for batches of at least eight samples on
+            a CPU. It returns the same results, but does not support second derivatives.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)`; further inputs as in
           :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If an input is unknown or missing, or has another shape, or an adjacency has
-            indices out of range.
+        ValueError: If an input is unknown, is missing or has the wrong shape, or if an adjacency
+            has indices out of range.
 
     Examples:
         >>> model = MTGCN(inputs=("tactile", "edge"), num_edges=1401, num_joints=16)
@@ -103,7 +106,7 @@ class MTGCN(TactileModel):
             if adjacency is not None:
                 adjacency = _checked_edges(name, adjacency, self.num_nodes)
                 for conv, _ in thread.layers():
-                    conv.explain = False  # an explainer's mask is for the edges of the data
+                    conv.explain = False  # an explainer's mask applies to the edges of the data
             # Not saved in the state, so that a checkpoint cannot override the argument.
             self.register_buffer(f"{name}_edge_index", adjacency, persistent=False)
             self.threads[name] = thread
@@ -129,12 +132,12 @@ def _checked_edges(
     r"""Returns the edges of a thread's adjacency as a tensor :math:`(2, |\mathcal{E}_m|)`.
 
     Args:
-        name (str): Input of the thread, for the message.
+        name (str): Input of the thread, for error messages.
         edges (sequence or torch.Tensor): Edges.
         num_nodes (int): Number of taxels :math:`N`.
 
     Raises:
-        ValueError: If the edges have another shape or indices out of range.
+        ValueError: If the edges have the wrong shape or indices out of range.
     """
     edges = torch.as_tensor(edges, device="cpu")  # values cannot be checked on the meta device
     return check_edges(edges, num_nodes, f"the adjacency of '{name}'")

@@ -12,24 +12,24 @@ from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
 
 class PooledMLP(Module):
-    r"""The fully connected layers of the "Tactile Object Property Recognition using Geometrical
-    Graph Edge Features and Multi-Thread Graph Convolutional Network" paper. Each is a linear map, a
-    :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU, and a linear map to the
-    logits follows. The defaults are the paper's "1536(P)768, 384(P)192, 96(P)48".
+    r"""The fully connected layers from the "Tactile Object Property Recognition using Geometrical
+    Graph Edge Features and Multi-Thread Graph Convolutional Network" paper. Each layer consists of
+    a linear map, a :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU. A linear map
+    to the logits follows. The defaults are the paper's "1536(P)768, 384(P)192, 96(P)48".
 
     Args:
         in_channels (int): Width of the input.
         out_channels (int): Number of logits.
         widths (sequence of int): Width of each layer.
-        pools (sequence of int): Number of channels for each maximum, after each layer.
+        pools (sequence of int): Pool size in channels after each layer.
 
     Shapes:
         - **input:** features :math:`(B, F)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If a pool does not divide its width, the numbers of widths and pools differ, or
-            a size is below one.
+        ValueError: If a pool size does not divide its width, the numbers of widths and pool sizes
+            differ, or a size is below one.
 
     Examples:
         >>> PooledMLP(2688, 6)

@@ -1,4 +1,4 @@
-r"""A network on the strongest taxels as points in the frame of the palm."""
+r"""A network that treats the strongest taxels as points in the frame of the palm."""
 
 from collections.abc import Sequence
 from typing import Optional, Union
@@ -25,54 +25,60 @@ _POSE_SHAPES = {"pos": (3,), "normal": (3,), "tangent": (2, 3)}
 
 
 class PosedTaxelNet(BaseModel):
-    r"""A network that treats the strongest taxels as a set of points, to predict metric values such
-    as the width of an object. It is not from a paper.
+    r"""A network that treats the strongest taxels as a set of points. Use it to predict metric
+    values, such as the width of an object. It is not from a paper.
 
-    For each sample, it selects the touched taxels (:math:`p_i > 0`) with the largest pressure
-    :math:`p_i`. The features of a taxel are its position, its normal, its force
-    :math:`\mathbf{f}_i` in the frame of the palm, the norm of the force, and its pressure. Other
-    taxels affect neither the maximum and mean, which are zero if no taxel is touched, nor the
-    statistics of batch normalisation. The output does not depend on the order of the taxels: of
-    equal pressures, those with the larger :math:`x`, :math:`y`, :math:`z` of their position are
-    selected first. All taxels share the scales of the features. A network with shared weights, the
-    maximum and mean over the taxels, a hidden layer and the outputs follow:
+    For each sample, the model selects the touched taxels (:math:`p_i > 0`) with the largest
+    pressure :math:`p_i`. The features of a taxel are its position :math:`\mathbf{p}_i`, its normal
+    :math:`\mathbf{n}_i`, its force :math:`\mathbf{f}_i` in the frame of the palm, the norm of the
+    force, and its pressure. All taxels share the same feature scales. The features pass through a
+    network with shared weights, which is followed by the maximum and mean over the taxels, a hidden
+    layer and the outputs:
 
     .. math::
         \mathbf{h}_i = \mathrm{MLP}([\mathbf{p}_i, \mathbf{n}_i, \mathbf{f}_i,
         \lVert \mathbf{f}_i \rVert, p_i]), \qquad
         \mathbf{f}_i = x_i \, \mathbf{t}^x_i + y_i \, \mathbf{t}^y_i - p_i \, \mathbf{n}_i
 
+    Taxels that are not selected affect neither the maximum and mean nor the statistics of batch
+    normalisation. The maximum and mean are zero if no taxel is touched. The output does not depend
+    on the order of the taxels: among taxels with equal pressure, those with the larger :math:`x`,
+    then :math:`y`, then :math:`z` are selected first.
+
     Pressure is the last channel. Three channels are :math:`(x, y, p)`, as in
     :class:`~torch_geometric_tactile.transforms.TaxelForce`. With any other number of channels, the
-    force is along the normal. If there are neither one nor three, the readings are further
-    features. Readings must be tared and increase with contact: values of zero and below are not
-    touched. The output is NaN if any reading is missing (NaN).
+    force is along the normal. With neither one nor three channels, the readings are appended to the
+    features. Readings must be tared and must increase with contact. A taxel whose pressure is zero
+    or negative counts as not touched. The output is NaN if any reading is missing (NaN).
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout, or the path
             of a layout file.
         out_channels (int): Number of classes or targets :math:`C`.
-        in_channels (int): Channels of each taxel :math:`F`.
-        posed (bool): If :obj:`True`, the data hold the poses of the taxels in the attributes
-            :obj:`pos`, :obj:`normal` and, for three channels, :obj:`tangent`, from
-            :class:`~torch_geometric_tactile.transforms.TaxelPose`. If :obj:`False`, poses are those
-            of a layout on a single link, or of the open Allegro hand for a layout on its links.
-        num_strongest (int): Maximum number of taxels that are selected.
+        in_channels (int): Number of channels per taxel :math:`F`.
+        posed (bool): If :obj:`True`, the poses of the taxels are read from the attributes
+            :obj:`pos`, :obj:`normal` and, for three channels, :obj:`tangent` of the data. Add them
+            with :class:`~torch_geometric_tactile.transforms.TaxelPose`. If :obj:`False`, the poses
+            are fixed: for a layout on a single link, they are taken from the layout; for a layout
+            on the links of an Allegro hand, they are computed for the open hand.
+        num_strongest (int): Maximum number of selected taxels.
         widths (sequence of int): Widths of the shared network.
         hidden_channels (int): Width of the hidden layer.
-        dropout (float): Probability of dropping a feature in training before the hidden layer and
-            the outputs.
-        taxel_dropout (float): Probability of dropping a taxel of a sample in training.
+        dropout (float): Probability of dropping a feature before the hidden layer and before the
+            outputs during training.
+        taxel_dropout (float): Probability of dropping a taxel of a sample during training.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
-          :math:`(B \cdot N, F)`; :obj:`pos` and :obj:`normal` of the same leading shape and width
-          3, or :math:`(N, 3)` for all samples; :obj:`tangent` likewise with width :math:`(2, 3)`
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
+          :math:`(B \cdot N, F)`; :obj:`pos` and :obj:`normal` with the same leading shape and width
+          3, or :math:`(N, 3)` for all samples; :obj:`tangent` likewise with trailing shape
+          :math:`(2, 3)`
         - **output:** logits or targets :math:`(B, C)`
 
     Raises:
-        ValueError: If a size is below one, a probability is not below one, poses are missing or of
-            another shape, or :obj:`x` has another number of taxels or channels.
+        ValueError: If a size is below one, :obj:`taxel_dropout` is negative or not below one, poses
+            are missing or have the wrong shape, or :obj:`x` has the wrong number of taxels or
+            channels.
 
     Examples:
         >>> model = PosedTaxelNet("allegro_uskin", 1, posed=False)
@@ -114,8 +120,8 @@ class PosedTaxelNet(BaseModel):
             with torch.device("cpu"):  # on the meta device, poses would lose their values
                 for name, pose in zip(_POSE_SHAPES, _open_hand_pose(layout), strict=True):
                     self.register_buffer(f"open_{name}", pose, persistent=False)
-        # Position, normal, force, its norm and pressure (3 + 3 + 3 + 1 + 1), and the readings if
-        # they are neither pressures nor forces.
+        # Position, normal, force, norm of the force and pressure (3 + 3 + 3 + 1 + 1). Readings that
+        # are neither pressures nor forces are appended.
         size = 11 if in_channels in (1, 3) else 11 + in_channels
         self.norm = ReadingNorm(size)
         self.lins = ModuleList()
@@ -148,27 +154,29 @@ class PosedTaxelNet(BaseModel):
     ) -> Tensor:
         r"""Returns the logits or targets :math:`(B, C)`.
 
-        The order of the arguments is that of
+        The arguments have the same order as in
         :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
 
         Args:
             x (torch.Tensor): Readings.
             edge_index, edge_attr, absolute (torch.Tensor, optional): Not used.
-            joint (torch.Tensor, optional): Not used, since poses are computed from joint angles.
-            pos (torch.Tensor, optional): Positions in metres, if :obj:`posed`.
-            normal (torch.Tensor, optional): Unit normals, if :obj:`posed`.
-            tangent (torch.Tensor, optional): Unit :math:`x` and :math:`y` axes, if :obj:`posed` and
-                there are three channels.
+            joint (torch.Tensor, optional): Not used, since the poses already depend on the joint
+                angles.
+            pos (torch.Tensor, optional): Positions in metres. Required if :obj:`posed` is
+                :obj:`True`.
+            normal (torch.Tensor, optional): Unit normals. Required if :obj:`posed` is :obj:`True`.
+            tangent (torch.Tensor, optional): Unit :math:`x` and :math:`y` axes. Required if
+                :obj:`posed` is :obj:`True` and there are three channels.
         """
         x = stacked_readings(x, self.num_nodes, self.in_channels, "channels")
         inputs = {"pos": pos, "normal": normal, "tangent": tangent}
         poses = {name: self._pose(name, inputs[name], x) for name in self.places}
         mask = taxel_mask(x, self.taxel_dropout if self.training else 0.0)
-        # Taxels with a missing reading are selected first, so that the output is NaN as well.
+        # Taxels with a missing reading are selected first, so that the output becomes NaN.
         score = x[..., -1].masked_fill(x.isnan().any(dim=-1), torch.inf)
         score = score if mask is None else score.masked_fill(~mask, -torch.inf)
         is_selected = _select_strongest(score, poses["pos"], self.num_strongest)
-        # Samples with fewer touched taxels are padded with other taxels, which are masked below.
+        # Samples with fewer touched taxels are padded with taxels that are masked below.
         num_rows = min(self.num_strongest, self.num_nodes)
         index = score.masked_fill(~is_selected, -torch.inf).topk(num_rows, dim=1).indices
         row_mask = is_selected.gather(1, index).unsqueeze(-1)
@@ -176,7 +184,7 @@ class PosedTaxelNet(BaseModel):
         h = self.norm(self._features(x, poses, index), row_mask)
         for lin, norm in zip(self.lins, self.norms, strict=True):
             h = norm(lin(h), row_mask).relu()
-        h = h * row_mask  # ReLU is never negative, so that zeros do not change the maximum
+        h = h * row_mask  # the output of ReLU is never negative, so zeros do not change the maximum
         pooled = torch.cat([h.amax(dim=1), h.sum(dim=1) / row_mask.sum(dim=1).clamp(min=1)], dim=1)
         pooled = self.norm_hidden(self.lin(self.dropout(pooled))).relu()
         return self.lin_out(self.dropout(pooled))
@@ -214,7 +222,7 @@ class PosedTaxelNet(BaseModel):
             if pose.dim() == rank + 1 and pose.size(0) == num_samples * self.num_nodes:
                 return pose.to(x.dtype).reshape(num_samples, self.num_nodes, *shape)
         raise ValueError(
-            f"'{name}' must be of {num_samples} samples of {self.num_nodes} taxels, as 'x', with "
+            f"'{name}' must have {num_samples} samples of {self.num_nodes} taxels, like 'x', with "
             f"shape {shape} for each taxel (got shape {tuple(pose.shape)})"
         )
 
@@ -235,9 +243,9 @@ def _gather_taxels(values: Tensor, index: Tensor) -> Tensor:
 
 def _select_strongest(pressure: Tensor, pos: Tensor, max_taxels: int) -> Tensor:
     # Returns whether each taxel is touched and among the strongest (B, N). Ties at the limit are
-    # broken by the larger x, y, z of the position. Only comparisons are used, so that the selection
-    # does not depend on the order of the taxels or the runtime. Taxels with the same pressure and
-    # position are selected together if all of them fit.
+    # broken by position: larger x first, then y, then z. Only comparisons are used, so that the
+    # selection does not depend on the order of the taxels or on the runtime. Taxels with the same
+    # pressure and position are selected together if all of them fit.
     is_tied = pressure > 0
     is_selected = torch.zeros_like(is_tied)
     max_taxels = min(max_taxels, pressure.size(1))
@@ -263,8 +271,8 @@ def _open_hand_pose(layout: TaxelLayout) -> tuple[Tensor, Tensor, Tensor]:
     unknown_links = sorted(set(layout.link_names) - set(hand.link_names))
     if unknown_links:
         raise ValueError(
-            "'posed' must be True for a layout on several links that are not those of an Allegro "
-            f"hand (got the link '{unknown_links[0]}')"
+            "'posed' must be True for a layout on several links, unless all are links of an "
+            f"Allegro hand (got the link '{unknown_links[0]}')"
         )
     pose = hand.link_pose(torch.zeros(hand.num_joints))
     hand_link = torch.tensor([hand.link_names.index(name) for name in layout.link_names])

@@ -22,35 +22,35 @@ from torch_geometric_tactile.nn.models.thread import Thread
 
 
 class SegmentedThread(Thread):
-    r"""The small graph convolutional networks of all segments of a hand, with separate weights, of
-    the "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional Networks
-    using Topological Graph Segmentation" paper. Each layer is a
+    r"""One small graph convolutional network for each segment of a hand, with separate weights for
+    each, from the "Multifingered Object Recognition with Tactile Sensors and Graph Convolutional
+    Networks using Topological Graph Segmentation" paper. Each layer consists of a
     :class:`~torch_geometric_tactile.nn.conv.SegmentedGCNConv`, a
     :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU.
 
-    The defaults are the paper's "14, 56(P)7". Segments of equal size (the 18 planar patches, the
-    four fingertips) are multiplied together. The fast path multiplies all segments together, as in
+    The defaults are the paper's "14, 56(P)7". Segments of equal size (on the Allegro hand, the 18
+    planar patches and the four fingertips) are computed in one batched product. The fast
+    implementation computes all segments together, as in
     :class:`~torch_geometric_tactile.nn.models.GCNThread`.
 
     Args:
-        in_channels (int): Features of each taxel.
-        segment (sequence of int or torch.Tensor): Segment of each taxel :math:`(N,)`, numbered from
-            zero without gaps.
+        in_channels (int): Number of input features per taxel.
+        segment (sequence of int or torch.Tensor): Index of each taxel's segment :math:`(N,)`,
+            numbered from zero without gaps.
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): Number of channels for each maximum, after each convolution.
-        fast (bool): Whether to compute batches of at least eight samples on a processor by
-            :mod:`torch_geometric_tactile.nn._pooled_gcn`. Its results are the same, but it has no
-            second derivative.
+        pools (sequence of int): Pool size in channels after each convolution.
+        fast (bool): Whether to use a faster implementation for batches of at least eight samples on
+            a CPU. It returns the same results, but does not support second derivatives.
 
     Shapes:
-        - **input:** node features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** node features :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)`
-        - **output:** node features of the same leading shape, with the last width divided by the
-          last pool
+        - **output:** node features with the same leading shape, and the last width divided by the
+          last pool size
 
     Raises:
-        ValueError: If a pool does not divide its width, the numbers of widths and pools differ,
-            :obj:`segment` has gaps, or :obj:`x` has another number of taxels or channels.
+        ValueError: If a pool size does not divide its width, the numbers of widths and pool sizes
+            differ, :obj:`segment` has gaps, or :obj:`x` has the wrong number of taxels or channels.
 
     Examples:
         >>> thread = SegmentedThread(3, [0, 0, 1])
@@ -81,7 +81,7 @@ class SegmentedThread(Thread):
         self._add_groups(first_conv.segment)
 
     def _add_groups(self, segment: Tensor) -> None:
-        # Registers, for each size of segments, their indices (S,) and their taxels (S, n).
+        # For each segment size, registers the indices (S,) and the taxels (S, n) of its segments.
         counts = segment.bincount()
         order, self.num_groups = [], 0
         for size in counts.unique().tolist():
@@ -96,12 +96,12 @@ class SegmentedThread(Thread):
     def forward(
         self, x: Tensor, edge_index: OptTensor = None, edge_weight: OptTensor = None
     ) -> Tensor:
-        r"""Returns the convolved node features.
+        r"""Returns the node features after the convolutions.
 
         Args:
             x (torch.Tensor): Node features.
-            edge_index (torch.Tensor): Edges. Those between segments are ignored.
-            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
+            edge_index (torch.Tensor): Edges. Edges between segments are ignored.
+            edge_weight (torch.Tensor, optional): Edge weights. Defaults to ones.
         """
         edge_index, edge_weight = required_edges(edge_index), weight_like(edge_weight, x)
         layers = self.layers()
@@ -116,8 +116,9 @@ class SegmentedThread(Thread):
         if cached_adjacency is not None and self.fast and is_pooled_gcn_faster(x):
             return pooled_thread(x, layers, cached_adjacency, segment)
         is_finite = all_finite(x)
-        # Dense products would spread infinite readings to the whole segment, as zero times infinity
-        # is NaN. If it is unknown whether all are finite (None), contained products are used.
+        # Dense products would spread an infinite reading to the whole segment, since zero times
+        # infinity is NaN. If it is unknown whether all readings are finite (None), contained
+        # products are used.
         if is_finite is False:
             return self._by_layers(x, edge_index, edge_weight)
         if cached_adjacency is None:

@@ -14,35 +14,35 @@ from torch_geometric_tactile.nn.models._base_model import BaseModel
 from torch_geometric_tactile.nn.models._taxel_image import TaxelImage
 from torch_geometric_tactile.nn.models._taxels import LayoutLike, load_layout
 
-_MAX_LAYERS = 8  # each halves the rows and columns, so that 8 suffice for maps of 256 x 256 cells
+_MAX_LAYERS = 8  # each layer halves the map, so 8 layers suffice for maps of 256 x 256 cells
 
 
 class SmallCNN(BaseModel):
-    r"""A plain convolutional network as a baseline, for layouts with an :obj:`image_map`. It has
-    3 x 3 convolutions with zero padding, each with batch normalisation, ReLU and max pooling of
-    2 x 2 cells, then one fully connected layer with batch normalisation, ReLU and dropout. It is
-    not from a paper, but a common first choice for pressure images.
+    r"""A plain convolutional network. Use it as a baseline for layouts with an :obj:`image_map`. It
+    is not from a paper, but a common first choice for pressure images.
 
-    Cells of the map without a taxel are zero.
+    The model has 3 x 3 convolutions with zero padding, each followed by batch normalisation, ReLU
+    and max pooling over 2 x 2 cells. One fully connected layer with batch normalisation, ReLU and
+    dropout follows. Cells of the image map without a taxel are zero.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout or the path of
             a layout file. It must have an :obj:`image_map`.
         out_channels (int): Number of labels or classes :math:`C`.
-        in_channels (int): Features of each taxel.
+        in_channels (int): Number of input features per taxel.
         widths (sequence of int): Width of each convolution.
         hidden_channels (int): Width of the fully connected layer.
-        dropout (float): Probability of dropping an input or output of the fully connected layer in
-            training.
+        dropout (float): Probability of dropping an input or output of the fully connected layer
+            during training.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If the layout has no image map, a size is below one, or the readings have
-            another shape.
+        ValueError: If the layout has no image map, a size is below one, or the readings have the
+            wrong shape.
 
     Examples:
         >>> import torch
@@ -86,8 +86,8 @@ class SmallCNN(BaseModel):
             Conv2d(in_width, out_width, 3, padding=1, bias=False)
             for in_width, out_width in zip(input_widths, widths, strict=True)
         )
-        # Images of one channel take the memory format of the weights. Channels-last training on
-        # images of 28 x 50 takes 0.7 of the time on a processor.
+        # Images with one channel take the memory format of the weights. On a CPU, training on
+        # images of 28 x 50 cells takes 0.7 times as long with channels last.
         self.convs.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.norms = ModuleList(BatchNorm2d(width) for width in widths)
         rows, cols = self.size

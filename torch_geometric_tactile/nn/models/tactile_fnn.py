@@ -12,30 +12,31 @@ from torch_geometric_tactile.nn.models.tactile_model import TactileModel
 
 
 class TactileFNN(TactileModel):
-    r"""The FNN of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
-    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It has fully
-    connected layers "32768(P)16384, 4096(P)2048, 1024(P)512" on the inputs of all taxels, and does
-    not use the hand's graph.
+    r"""The FNN from the "Tactile Object Property Recognition using Geometrical Graph Edge Features
+    and Multi-Thread Graph Convolutional Network" paper (:doc:`P1 </papers>`). It applies the fully
+    connected layers "32768(P)16384, 4096(P)2048, 1024(P)512" to the inputs of all taxels. It does
+    not use the graph of the hand.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
             of a layout file, or the number of taxels.
         out_channels (int): Number of labels or classes :math:`C`.
-        inputs (sequence of str): Inputs, of :obj:`"tactile"`, :obj:`"absolute"` and
+        inputs (sequence of str): Inputs to use: any of :obj:`"tactile"`, :obj:`"absolute"` and
             :obj:`"position"`.
         num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
-        channels (dict, optional): Features of a taxel by input, if not 3 or 4.
+        channels (dict, optional): Number of features per taxel by input, for inputs that differ
+            from the default (3 or 4).
         widths (sequence of int): Width of each layer.
-        pools (sequence of int): Number of channels for each maximum, after each layer.
+        pools (sequence of int): Pool size in channels after each layer.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`; further inputs as in
           :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If an input is unknown or missing, or has another shape.
+        ValueError: If an input is unknown, is missing or has the wrong shape.
 
     Examples:
         >>> TactileFNN(widths=(64, 32, 16)).head.in_channels

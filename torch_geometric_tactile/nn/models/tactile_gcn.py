@@ -1,4 +1,4 @@
-r"""A network with one thread of graph convolutions, on the hand or on its segments."""
+r"""A network with one thread of graph convolutions on the whole hand or on its segments."""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal, Optional, Union
@@ -17,55 +17,58 @@ from torch_geometric_tactile.nn.models.thread import Thread
 
 
 class TactileGCN(TactileModel):
-    r"""The GCNs of the "Tactile Object Property Recognition using Geometrical Graph Edge Features
+    r"""The GCNs from the "Tactile Object Property Recognition using Geometrical Graph Edge Features
     and Multi-Thread Graph Convolutional Network" and "Multifingered Object Recognition with Tactile
     Sensors and Graph Convolutional Networks using Topological Graph Segmentation" papers (:doc:`P1
-    and P2 </papers>`). They have graph convolutions on the concatenated inputs of each taxel,
+    and P2 </papers>`). They apply graph convolutions to the concatenated inputs of each taxel,
     followed by fully connected layers.
 
-    * :obj:`segments=None` (the GCN of the first paper, X of the second): one
+    * :obj:`segments=None` (the GCN in the first paper, model X in the second): one
       :class:`~torch_geometric_tactile.nn.models.GCNThread` on all taxels, "14, 28, 56(P)28,
       112(P)28, 112(P)7".
-    * :obj:`segments="digit"` (I) and :obj:`segments="patch"` (II): a
+    * :obj:`segments="digit"` (model I): a
+      :class:`~torch_geometric_tactile.nn.models.SegmentedThread` with separate weights for the palm
+      and each digit (5 segments on the Allegro hand), "14, 56(P)7".
+    * :obj:`segments="patch"` (model II): a
       :class:`~torch_geometric_tactile.nn.models.SegmentedThread` with separate weights for each
-      digit and the palm (5 segments of the Allegro hand), or for each patch (22), "14, 56(P)7".
+      patch (22 segments), "14, 56(P)7".
 
-    The inputs of the first paper are :obj:`"tactile"` (T), :obj:`"edge"` (E) and :obj:`"absolute"`
-    (A), those of the second :obj:`"tactile"` (Tac) and :obj:`"position"` (Pos), in all
-    combinations, each with and without joint angles.
+    The first paper uses the inputs :obj:`"tactile"` (T), :obj:`"edge"` (E) and :obj:`"absolute"`
+    (A). The second paper uses :obj:`"tactile"` (Tac) and :obj:`"position"` (Pos). Both test all
+    combinations, with and without joint angles.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
-            of a layout file, or the number of taxels. Segments require a layout.
+            of a layout file, or the number of taxels. A layout is required if :obj:`segments` is
+            set.
         out_channels (int): Number of labels or classes :math:`C`.
         segments (str, optional): :obj:`"digit"`, :obj:`"patch"` or :obj:`None`.
-        inputs (sequence of str): Inputs, of :obj:`"tactile"`, :obj:`"edge"`, :obj:`"absolute"` and
-            :obj:`"position"`.
-        num_edges (int, optional): Number of edges, for the dense encoder of :obj:`"edge"`.
+        inputs (sequence of str): Inputs to use: any of :obj:`"tactile"`, :obj:`"edge"`,
+            :obj:`"absolute"` and :obj:`"position"`.
+        num_edges (int, optional): Number of edges. Required by the dense encoder of :obj:`"edge"`.
         num_joints (int): Number of joint angles, 16 for an Allegro hand, or 0 for none.
-        channels (dict, optional): Features of a taxel by input, if not 3 or 4.
-        encoder (str or torch.nn.Module): Encoder of edge features: :obj:`"dense"`, which is the
-            paper's, :obj:`"message"`, :obj:`"attention"` or a module.
+        channels (dict, optional): Number of features per taxel by input, for inputs that differ
+            from the default (3 or 4).
+        encoder (str or torch.nn.Module): Encoder of edge features: :obj:`"dense"` (as in the
+            paper), :obj:`"message"`, :obj:`"attention"` or a module.
         widths (sequence of int, optional): Width of each convolution. Defaults to the paper's.
-        pools (sequence of int, optional): Number of channels for each maximum, after each
-            convolution. Defaults to the paper's.
+        pools (sequence of int, optional): Pool size in channels after each convolution. Defaults to
+            the paper's.
         head_widths (sequence of int): Width of each fully connected layer.
-        head_pools (sequence of int): Number of channels for each maximum, after each fully
-            connected layer.
-        fast (bool): Whether to compute batches of at least eight samples on a processor by
-            :mod:`torch_geometric_tactile.nn._pooled_gcn`. Its results are the same, but it has no
-            second derivative.
+        head_pools (sequence of int): Pool size in channels after each fully connected layer.
+        fast (bool): Whether to use a faster implementation for batches of at least eight samples on
+            a CPU. It returns the same results, but does not support second derivatives.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
-          :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)` (those between segments are
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
+          :math:`(B \cdot N, F)`, edges :math:`(2, |\mathcal{E}|)` (edges between segments are
           ignored); further inputs as in
           :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`
         - **output:** logits :math:`(B, C)`
 
     Raises:
-        ValueError: If :obj:`segments` is unknown or not part of :obj:`layout`, or an input is
-            unknown, missing or of another shape.
+        ValueError: If :obj:`segments` is unknown or :obj:`layout` does not define these segments,
+            or if an input is unknown, is missing or has the wrong shape.
 
     Examples:
         >>> model = TactileGCN(inputs=("tactile", "edge"), num_edges=1401, num_joints=16)

@@ -1,4 +1,4 @@
-r"""The base class of the models of a hand."""
+r"""The base class of models for a hand."""
 
 from collections.abc import Mapping, Sequence
 from typing import Optional, Union
@@ -26,27 +26,31 @@ _CHANNELS = {"tactile": 3, "edge": 4, "absolute": 4, "position": 3}
 
 
 class TactileModel(BaseModel):
-    r"""The base class of the models of a hand. It collects the inputs of each taxel from static
-    data, PyG batches or single samples. Fully connected layers, which may take joint angles,
-    compute the logits.
+    r"""The base class of models for a hand. It collects the inputs of each taxel from static data,
+    PyG batches or single samples. Fully connected layers compute the logits and can also take joint
+    angles as inputs.
 
-    Inputs are :obj:`"tactile"` (the readings :obj:`x`), :obj:`"edge"` (:obj:`edge_attr`, through an
-    encoder), :obj:`"absolute"` (the positions :obj:`absolute` with their distance from the hand's
-    origin) and :obj:`"position"` (:obj:`pos`).
+    The possible inputs are:
 
-    A subclass calls :meth:`add_head` and defines :meth:`extract`. Without a graph, it sets the
-    attribute :obj:`needs_edges` to :obj:`False`, so that the data may have no edges.
+    * :obj:`"tactile"`: the readings :obj:`x`;
+    * :obj:`"edge"`: the edge features :obj:`edge_attr`, passed through an encoder;
+    * :obj:`"absolute"`: the positions and their distance from the hand's origin :obj:`absolute`;
+    * :obj:`"position"`: the positions :obj:`pos`.
+
+    A subclass calls :meth:`add_head` and defines :meth:`extract`. A subclass without a graph sets
+    the attribute :obj:`needs_edges` to :obj:`False`, so that the data need no edges.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
             of a layout file, or the number of taxels.
         out_channels (int): Number of labels or classes :math:`C`.
         inputs (sequence of str): Names of the inputs.
-        num_joints (int): Number of joint angles that are inputs of the fully connected layers, or 0
-            for none.
-        channels (dict, optional): Features of a taxel by input, if not 3 (:obj:`"tactile"`,
-            :obj:`"position"`) or 4 (:obj:`"edge"`, :obj:`"absolute"`). For :obj:`"edge"`, it is
-            both the size of edge features and the output size of the encoder.
+        num_joints (int): Number of joint angles that are appended to the input of the fully
+            connected layers, or 0 for none.
+        channels (dict, optional): Number of features per taxel for each input that does not have
+            the default. The defaults are 3 (:obj:`"tactile"`, :obj:`"position"`) and 4
+            (:obj:`"edge"`, :obj:`"absolute"`). For :obj:`"edge"`, the number is both the size of
+            the edge features and the output size of the encoder.
 
     Raises:
         ValueError: If an input is unknown, there is no input, or a size is below one.
@@ -98,13 +102,13 @@ class TactileModel(BaseModel):
         return (*names, *super().modalities)
 
     def add_encoder(self, encoder: Union[str, Module], num_edges: Optional[int]) -> None:
-        r"""Adds the encoder of edge features if they are an input.
+        r"""Adds the encoder of edge features if :obj:`"edge"` is an input.
 
         Args:
-            encoder (str or torch.nn.Module): :obj:`"dense"` (from the paper), :obj:`"message"`,
-                :obj:`"attention"`, or a module that is called as
-                :obj:`encoder(edge_attr, edge_index, num_nodes)`.
-            num_edges (int, optional): Number of edges, for :obj:`"dense"`.
+            encoder (str or torch.nn.Module): :obj:`"dense"` (as in the paper), :obj:`"message"`,
+                :obj:`"attention"`, or a module that is called as :obj:`encoder(edge_attr,
+                edge_index, num_nodes)`.
+            num_edges (int, optional): Number of edges. Required for :obj:`"dense"`.
         """
         if "edge" not in self.inputs:
             return
@@ -115,9 +119,9 @@ class TactileModel(BaseModel):
         r"""Adds the fully connected layers.
 
         Args:
-            in_channels (int): Features of each taxel before these layers.
+            in_channels (int): Number of features per taxel before these layers.
             widths (sequence of int): Width of each layer.
-            pools (sequence of int): Number of channels for each maximum, after each layer.
+            pools (sequence of int): Pool size in channels after each layer.
         """
         width = self.num_nodes * in_channels + self.num_joints
         self.head = PooledMLP(width, self.out_channels, widths, pools)
@@ -138,11 +142,11 @@ class TactileModel(BaseModel):
         thread: Optional[str] = None,
     ) -> Tensor:
         r"""Returns the features of each taxel before the fully connected layers :math:`(B, N, F)`,
-        concatenated for all threads. The arguments are those of :meth:`forward`, and:
+        concatenated over all threads. The arguments are the same as for :meth:`forward`, except:
 
         Args:
-            thread (str, optional): Input of the only thread to compute, in a model with a thread
-                for each input.
+            thread (str, optional): Name of an input. Only the thread of this input is computed.
+                Requires a model with a thread for each input.
         """
         threads = [name for name in self.inputs if name in getattr(self, "threads", ())]
         if thread is not None and thread not in threads:
@@ -179,7 +183,7 @@ class TactileModel(BaseModel):
             x, edge_index, edge_attr, absolute, pos: As in :meth:`forward`.
 
         Raises:
-            ValueError: If the input is missing or has another shape.
+            ValueError: If the input is missing or has the wrong shape.
         """
         num_samples = self.num_samples(x)
         features = {"tactile": x, "edge": edge_attr, "absolute": absolute, "position": pos}[name]
@@ -203,10 +207,11 @@ class TactileModel(BaseModel):
         r"""Returns the number of samples in readings.
 
         Args:
-            x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch.
+            x (torch.Tensor): Readings :math:`(N, F)`, :math:`(B, N, F)` or the readings of a PyG
+                batch.
 
         Raises:
-            ValueError: If the number of taxels is not that of the model.
+            ValueError: If the readings do not have as many taxels as the model.
         """
         return count_samples(x, self.num_nodes)
 
@@ -220,16 +225,16 @@ class TactileModel(BaseModel):
     ) -> Tensor:
         r"""Returns the output of a thread for the inputs of each taxel :math:`(B, N, F')`.
 
-        The inputs are passed as a PyG batch if the data are one or an explainer is attached, and as
-        samples on one topology otherwise.
+        The inputs are passed as a PyG batch if the data are a PyG batch or an explainer is
+        attached. Otherwise, they are passed as samples on one topology.
 
         Args:
             thread (Thread): The thread.
             h (torch.Tensor): Inputs :math:`(B, N, F)`.
             x (torch.Tensor): Readings with the shape of the data.
             edge_index (torch.Tensor): Edges.
-            fixed_edges (bool): Whether the edges are those of one sample and part of the model, so
-                that explainers do not mask them.
+            fixed_edges (bool): Whether the edges belong to the model and describe one sample.
+                Explainers do not mask such edges.
         """
         num_samples = h.size(0)
         if x.dim() == 3 or fixed_edges or (num_samples == 1 and not thread.explained):
@@ -245,12 +250,12 @@ class TactileModel(BaseModel):
 def _split_samples(
     features: Tensor, num_samples: int, num_nodes: int, key: str, input_shape: tuple[int, ...]
 ) -> Tensor:
-    # Reshapes features to (B, N, F). `key` and `input_shape` are for the message.
+    # Reshapes features to (B, N, F). `key` and `input_shape` are used in the error message.
     num_rows, num_features = num_nodes * num_samples, features.size(-1)
     has_valid_size = features.size(-2) in (num_nodes, num_rows)
     if not has_valid_size or features.numel() != num_rows * num_features:
         raise ValueError(
-            f"'{key}' must be of {num_samples} samples of {num_nodes} taxels, as 'x' "
+            f"'{key}' must have {num_samples} samples of {num_nodes} taxels, like 'x' "
             f"(got shape {input_shape})"
         )
     return features.reshape(num_samples, num_nodes, num_features)
@@ -262,13 +267,14 @@ def _create_encoder(
     r"""Returns an encoder of edge features.
 
     Args:
-        encoder (str or torch.nn.Module): Name of an encoder, or a module, which is returned.
+        encoder (str or torch.nn.Module): Name of an encoder, or a module that is returned
+            unchanged.
         num_nodes (int): Number of taxels :math:`N`.
-        num_edges (int, optional): Number of edges, for the dense encoder.
+        num_edges (int, optional): Number of edges. Required by the dense encoder.
         width (int): Size of edge features and of the encoded node features.
 
     Raises:
-        ValueError: If the encoder is unknown, or the number of edges is missing.
+        ValueError: If the encoder is unknown, or the dense encoder has no number of edges.
     """
     if isinstance(encoder, Module):
         return encoder

@@ -38,15 +38,16 @@ from torch_geometric_tactile.sensors._descriptor_tables import (
 )
 
 _DIRECT_CHANNELS = 128
-# Added to the variance of each taxel (that of a channel is one), so that the noise of taxels that
-# are rarely pressed is not amplified.
+# Added to the variance of each taxel, so that the noise of rarely pressed taxels is not amplified.
+# The variance of a channel is one.
 _VARIANCE_FLOOR = 0.05
-# Features of each kind of head.
+# Input features of each head.
 _HEADS = {"flat": ("flat",), "mean": ("mean",), "max": ("max",), "all": ("flat", "mean", "max")}
 
 
 class _DescriptorPath(Module):
-    r"""A fully connected layer on the descriptors of readings. Dropped taxels count as missing.
+    r"""A fully connected layer on the descriptors of readings. Dropped taxels are treated as
+    missing.
 
     Args:
         layout (TaxelLayout): The layout.
@@ -78,7 +79,7 @@ class _DescriptorPath(Module):
 
         Args:
             x (torch.Tensor): Readings.
-            mask (torch.Tensor, optional): Mask of the taxels that are not dropped.
+            mask (torch.Tensor, optional): Mask that is true for taxels that are not dropped.
         """
         if mask is not None:
             x = x.masked_fill(~mask.unsqueeze(-1), torch.nan)
@@ -87,66 +88,70 @@ class _DescriptorPath(Module):
 
 
 class TaxelNet(BaseModel):
-    r"""The first model to try for the readings of any layout. It has convolutions with a weight for
-    each direction, pooling over neighbours if the layout is large, and a head on the features of
-    all taxels, their mean and their maximum. It is not from a paper.
+    r"""The recommended first model for single frames of readings, for any layout. It has
+    convolutions with a separate weight for each direction, and pools neighbouring taxels if the
+    layout is large. Its head takes the features of all taxels, their mean and their maximum. It is
+    not from a paper.
 
-    Its levels consist of blocks, each with a
+    The model consists of levels, and each level consists of blocks. A block has a
     :class:`~torch_geometric_tactile.nn.conv.SectorConv`, batch normalisation, a residual connection
     if the widths are equal, and ReLU. Between levels, a
     :class:`~torch_geometric_tactile.nn.pool.TaxelPool` takes the maximum over about
-    :math:`2 \times 2` neighbours of a patch, until there are at most :obj:`max_taxels`: never for
-    24 electrodes, three times for :math:`28 \times 50` taxels. A hidden layer and the logits
-    follow.
+    :math:`2 \times 2` neighbouring taxels of a patch, until at most :obj:`max_taxels` taxels
+    remain. For example, 24 electrodes are not pooled, and :math:`28 \times 50` taxels are pooled
+    three times. A hidden layer and the logits follow.
 
     Neighbours are computed from the layout. The argument :obj:`edge_index` is ignored, and the data
-    may have no edges. Readings are scaled by batch normalisation with one scale for all taxels of a
-    channel, so that raw counts can be used. Add a tare or the subtraction of a common mode as a
-    transform if needed.
+    need no edges. Batch normalisation scales the readings, with one scale for all taxels of a
+    channel, so that raw counts can be used. If needed, add a transform that tares the readings or
+    subtracts the common mode.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout, or the path
             of a layout file.
         out_channels (int): Number of labels or classes :math:`C`.
-        in_channels (int): Features of each taxel :math:`F`, which are its channels or, for windows,
-            the frames of all channels.
+        in_channels (int): Number of features per taxel :math:`F`. These are its channels or, for
+            windows, the frames of all channels.
         widths (sequence of int, optional): Width of each level. The last width is repeated for
             further levels. Defaults to 32 without pooling, and to 16, 32 and 64 with pooling.
-        depth (int): Number of blocks in each level. If there are several levels, the first has one.
+        depth (int): Number of blocks in each level. If there are several levels, the first level
+            has one block.
         conv (str): :obj:`"sector"`, or :obj:`"self"` or :obj:`"difference"` for a
             :class:`~torch_geometric_tactile.nn.conv.SelfGCNConv`, which ignores directions.
         num_sectors (int): Number of directions.
-        head (str): Features of the last level for the head: :obj:`"flat"` (those of all taxels),
-            :obj:`"mean"`, :obj:`"max"`, or :obj:`"all"` for all three.
+        head (str): Features of the last level that the head uses: :obj:`"flat"` (the features of
+            all taxels), their :obj:`"mean"`, their :obj:`"max"`, or :obj:`"all"` three.
         hidden_channels (int): Width of the hidden layer.
-        direct_channels (int, optional): Width of a fully connected layer on all readings, whose
-            output is concatenated before the hidden layer, or 0 for none. Defaults to 128 without
-            pooling, since single taxels are informative on small sensors, and to 0 with pooling.
-        descriptor_channels (int): Width of a layer on the descriptors of the readings
-            (:func:`~torch_geometric_tactile.sensors.taxel_descriptors`), whose output is
-            concatenated before the hidden layer, or 0 for none. Useful with few labels. Requires
-            readings that are zero at rest; scale them with
+        direct_channels (int, optional): Width of an additional fully connected layer on all
+            readings, or 0 for none. Its output is appended to the input of the hidden layer.
+            Defaults to 128 without pooling, since single taxels are informative on small sensors,
+            and to 0 with pooling.
+        descriptor_channels (int): Width of an additional layer on the descriptors of the readings
+            (:func:`~torch_geometric_tactile.sensors.taxel_descriptors`), or 0 for none. Its output
+            is appended to the input of the hidden layer. Useful with few labels. Requires readings
+            that are zero at rest; scale them with
             :obj:`ZScore(scale_per="channel", with_mean=False)`.
-        dropout (float): Probability of dropping a feature in training before each layer of the
-            head.
-        taxel_dropout (float): Probability of dropping a taxel of a sample in training, so that
-            predictions do not depend on few taxels.
-        max_taxels (int): Maximum number of taxels of the last level. Larger layouts are pooled.
-        head_taxels (int, optional): Maximum number of taxels of the features for the head. They are
-            pooled further without convolutions, as in convolutional networks. If left out, they are
-            not.
-        num_joints (int): Number of joint angles that are inputs of the hidden layer, or 0 for none.
-        fast (bool): Argument of :class:`~torch_geometric_tactile.nn.conv.SectorConv`. Second
-            derivatives require :obj:`False`.
+        dropout (float): Probability of dropping a feature before each layer of the head during
+            training.
+        taxel_dropout (float): Probability of dropping a taxel of a sample during training, so that
+            predictions do not depend on only a few taxels.
+        max_taxels (int): Maximum number of taxels in the last level. Larger layouts are pooled.
+        head_taxels (int, optional): Maximum number of taxels in the features for the head. If there
+            are more, the features are pooled further, without convolutions. By default, they are
+            not pooled further.
+        num_joints (int): Number of joint angles that are appended to the input of the hidden layer,
+            or 0 for none.
+        fast (bool): Passed to :class:`~torch_geometric_tactile.nn.conv.SectorConv`. Must be
+            :obj:`False` to compute second derivatives.
 
     Shapes:
-        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** readings :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`; joint angles in radians :math:`(B, J)`
         - **output:** logits :math:`(B, C)`
 
     Raises:
         ValueError: If :obj:`layout` is a number, :obj:`conv` or :obj:`head` is unknown, a size is
-            below one, or :obj:`x` has another number of taxels or features.
+            below one, or :obj:`x` has the wrong number of taxels or features.
 
     Examples:
         >>> model = TaxelNet("biotac_sp", 2)
@@ -254,7 +259,7 @@ class TaxelNet(BaseModel):
         features = [pooled[name] for name in _HEADS[self.head]]
         if self.direct is not None:
             rows = self.norm_readings(x.flatten(1).unsqueeze(1)).squeeze(1)
-            if mask is not None:  # after the scaling, so that dropped taxels do not change it
+            if mask is not None:  # after scaling, so that dropped taxels do not change the scale
                 rows = (rows.view(x.shape) * mask.unsqueeze(-1)).flatten(1)
             features.append(self.norm_direct(self.direct(rows)).relu())
         if self.described is not None:

@@ -17,8 +17,8 @@ from torch_geometric_tactile.nn.models._taxels import LayoutLike, count_taxels, 
 
 
 class _ResidualBlock(Module):
-    r"""Convolutions over time with batch normalisation and ReLU, with a residual connection before
-    the last ReLU. If the widths differ, the connection has a linear map.
+    r"""Convolutions over time with batch normalisation and ReLU, and a residual connection before
+    the last ReLU. If the widths differ, the connection contains a linear map.
 
     Args:
         in_channels (int): Size of each input feature.
@@ -50,32 +50,33 @@ class _ResidualBlock(Module):
 
 
 class TemporalCNN(BaseModel):
-    r"""The residual network of the `"Time Series Classification from Scratch with Deep Neural
-    Networks: A Strong Baseline" <https://arxiv.org/abs/1611.06455>`_ paper (Wang et al., 2017) on
-    the concatenated readings of all taxels, as a baseline for windows with one label.
+    r"""The residual network from the `"Time Series Classification from Scratch with Deep Neural
+    Networks: A Strong Baseline" <https://arxiv.org/abs/1611.06455>`_ paper (Wang et al., 2017),
+    applied to the concatenated readings of all taxels. Use it as a baseline for windows with one
+    label.
 
     It has residual blocks of convolutions over time, each with batch normalisation and ReLU. The
-    logits are computed from the mean over the frames, as in the paper, and the maximum, which is an
-    addition. It uses no graph, and windows may have any number of frames.
+    logits are computed from the mean over the frames, as in the paper, and from the maximum, which
+    is not in the paper. No graph is used. Windows may have any number of frames.
 
     Args:
         layout (TaxelLayout, int, str or PathLike): The layout, the name of a stock layout, the path
             of a layout file, or the number of taxels :math:`N`.
         out_channels (int): Number of labels or classes :math:`O`.
-        in_channels (int): Channels of each taxel in one frame :math:`C`.
+        in_channels (int): Number of channels per taxel in one frame :math:`C`.
         widths (sequence of int): Width of each block (64, 128 and 128 in the paper).
         kernel_sizes (sequence of int): Length of each convolution of a block in frames (8, 5 and 3
             in the paper). Must be odd.
-        dropout (float): Probability of dropping a pooled feature in training.
+        dropout (float): Probability of dropping a pooled feature during training.
 
     Shapes:
-        - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or those of a PyG
-          batch :math:`(B \cdot N, C \cdot T)`, with the frames of each channel side by side
+        - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or, for a PyG batch,
+          :math:`(B \cdot N, C \cdot T)`, with the frames of each channel side by side
         - **output:** logits :math:`(B, O)`
 
     Raises:
-        ValueError: If a size is below one, a kernel size is even, or :obj:`x` has another number of
-            taxels or a number of columns that :math:`C` does not divide.
+        ValueError: If a size is below one, a kernel size is even, or :obj:`x` has the wrong number
+            of taxels or a number of columns that is not a multiple of :math:`C`.
 
     Examples:
         >>> model = TemporalCNN("biotac", 2, in_channels=3)

@@ -33,89 +33,96 @@ from torch_geometric_tactile.nn.models._taxels import (
 )
 from torch_geometric_tactile.sensors import TaxelLayout
 
-# Past frames of the input of each convolution over time.
+# The past input frames of each convolution over time.
 _TemporalState = tuple[Tensor, ...]
 _POOLS = ("last", "mean", "max", "mean_max")
 _POOL_MESSAGE = "'pool' must be 'last' for '{}', which returns logits frame by frame"
 
 
 class TemporalTaxelNet(BaseModel):
-    r"""The first model to try for windows of frames of any layout, and for streams of frames. It
-    has convolutions over neighbouring taxels and causal convolutions over time. It is not from a
-    paper.
+    r"""The recommended first model for windows and streams of frames, for any layout. It has
+    convolutions over neighbouring taxels and causal convolutions over time. It is not from a paper.
 
-    Filters of :obj:`filter_size` frames are applied to the readings of each taxel, so that changes
-    are visible in spite of a constant offset. In each frame, levels of
-    :class:`~torch_geometric_tactile.nn.conv.SectorConv` with pooling between them follow, as in
-    :class:`~torch_geometric_tactile.nn.models.TaxelNet`. Residual blocks of
-    :class:`~torch_geometric_tactile.nn.conv.CausalTemporalConv` over the features of each taxel
-    follow, with dilations :math:`D, 2 D, 4 D` and so on. A hidden layer on the features of all
-    taxels, their mean and their maximum computes the logits of a frame.
+    The model consists of:
 
-    The logits of a frame depend on :obj:`receptive_field` frames,
+    * filters of :obj:`filter_size` frames on the readings of each taxel, which detect changes
+      despite a constant offset;
+    * in each frame, levels of :class:`~torch_geometric_tactile.nn.conv.SectorConv` with pooling
+      between them, as in :class:`~torch_geometric_tactile.nn.models.TaxelNet`;
+    * residual blocks of :class:`~torch_geometric_tactile.nn.conv.CausalTemporalConv` on the
+      features of each taxel, with dilations :math:`D, 2 D, 4 D` and so on;
+    * a hidden layer, followed by the logits of a frame. Its inputs are the features of all taxels,
+      their mean and their maximum.
+
+    The logits of a frame depend on the last :obj:`receptive_field` frames,
 
     .. math::
         R = F + (K - 1) D (2^L - 1)
 
     with filters of :math:`F` frames and :math:`L` blocks of kernel size :math:`K`. Before the first
-    frame, all features are zero. By default, the logits of a window are those of its last frame.
-    Only the features that they depend on are computed: every :math:`D`-th frame, then every
-    :math:`2 D`-th, and so on. With :obj:`per_frame`, the logits of all frames are computed.
+    frame, all features are zero. By default, the model returns the logits of the last frame of a
+    window. It computes only the features that these logits depend on: in every :math:`D`-th frame,
+    then in every :math:`2 D`-th frame, and so on. With :obj:`per_frame`, the logits of all frames
+    are computed.
 
     For windows or trials **with one label for all frames**, such as slides over a surface, use
     :obj:`pool="mean_max"`. The logits are then computed from the mean and the maximum over every
-    :math:`D`-th frame. With :obj:`mixed_channels`, a convolution over :math:`K` frames mixes the
-    features of all taxels before the blocks, which adds :math:`K - 1` to :math:`R`.
+    :math:`D`-th frame.
+
+    With :obj:`mixed_channels`, a convolution over :math:`K` frames mixes the features of all taxels
+    before the blocks. This adds :math:`K - 1` to :math:`R`.
 
     :meth:`step` processes one frame and a state, which is a tuple of tensors. Starting from
-    :meth:`initial_state`, its results equal those of :meth:`forward` on the same frames. After
-    :math:`R` frames, they equal those of any window of at least :math:`R` frames with the same end.
+    :meth:`initial_state`, it returns the same logits as :meth:`forward` on the same frames. After
+    :math:`R` frames, it returns the same logits as :meth:`forward` on any window of at least
+    :math:`R` frames that ends with the same frame.
 
-    Neighbours are computed from the layout; :obj:`edge_index` is ignored. Readings are scaled by
-    batch normalisation with one scale for all taxels of a channel, so that raw counts can be used.
+    Neighbours are computed from the layout, and :obj:`edge_index` is ignored. Batch normalisation
+    scales the readings, with one scale for all taxels of a channel, so that raw counts can be used.
     Missing readings (NaN) must be filled first.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout, or the path
             of a layout file.
         out_channels (int): Number of labels or classes.
-        in_channels (int): Number of channels of each taxel in one frame :math:`C`, such as axes or
+        in_channels (int): Number of channels per taxel in one frame :math:`C`, such as axes or
             fingers.
-        num_filters (int, optional): Number of filters of the readings. If :obj:`None`, the readings
-            are inputs of the first level without filters, and :math:`F = 1`.
+        num_filters (int, optional): Number of filters on the readings of each taxel. If
+            :obj:`None`, the first level takes the unfiltered readings, and :math:`F = 1`.
         filter_size (int): Length of the filters in frames :math:`F`.
         widths (sequence of int, optional): Width of each level. The last width is repeated for
             further levels. Defaults to 32 without pooling, and to 16, 32 and 64 with pooling.
         depth (int): Number of graph convolutions in each level. If there are several levels, the
-            first has one.
+            first level has one.
         conv (str): Convolution, as in :class:`~torch_geometric_tactile.nn.models.TaxelNet`.
         num_sectors (int): Number of directions.
-        kernel_size (int): Number of frames in the kernel of a block :math:`K`.
-        dilation (int): Distance between these frames in the first block :math:`D`.
+        kernel_size (int): Number of frames in the kernel of each block :math:`K`.
+        dilation (int): Distance between the frames of the kernel in the first block :math:`D`.
         num_blocks (int): Number of blocks :math:`L`.
-        pool (str): Features for the logits of a window: those of its :obj:`"last"` frame, their
-            :obj:`"mean"` or :obj:`"max"` over the frames, or both (:obj:`"mean_max"`). Streams
-            require :obj:`"last"`.
-        mixed_channels (int): Width of the blocks on the mixed features of all taxels, or 0 for
-            blocks on the features of each taxel.
+        pool (str): Features from which the logits of a window are computed: the features of its
+            :obj:`"last"` frame, their :obj:`"mean"` or :obj:`"max"` over the frames, or both
+            (:obj:`"mean_max"`). Streams require :obj:`"last"`.
+        mixed_channels (int): Width of the blocks if they take the mixed features of all taxels. If
+            0, the blocks take the features of each taxel separately.
         hidden_channels (int, optional): Width of the hidden layer, or :obj:`None` for none.
-        dropout (float): Probability of dropping a feature in training before each layer of the
-            head. In the blocks, it is half as large.
-        taxel_dropout (float): Probability of dropping a taxel of a window in training.
-        max_taxels (int): Maximum number of taxels of the last level. Larger layouts are pooled.
-        num_joints (int): Number of joint angles that are inputs of the hidden layer, or 0 for none.
-        fast (bool): Argument of :class:`~torch_geometric_tactile.nn.conv.SectorConv`.
+        dropout (float): Probability of dropping a feature before each layer of the head during
+            training. In the blocks, the probability is half as large.
+        taxel_dropout (float): Probability of dropping a taxel of a window during training.
+        max_taxels (int): Maximum number of taxels in the last level. Larger layouts are pooled.
+        num_joints (int): Number of joint angles that are appended to the input of the hidden layer,
+            or 0 for none.
+        fast (bool): Passed to :class:`~torch_geometric_tactile.nn.conv.SectorConv`.
 
     Shapes:
-        - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or those of a PyG
-          batch :math:`(B \cdot N, C \cdot T)`, with the frames of each channel side by side; joint
-          angles in radians :math:`(B, J)`, or :math:`(B, T, J)` for all frames
+        - **input:** windows :math:`(N, C \cdot T)`, :math:`(B, N, C \cdot T)` or, for a PyG batch,
+          :math:`(B \cdot N, C \cdot T)`, with the frames of each channel side by side; joint angles
+          in radians :math:`(B, J)`, or :math:`(B, T, J)` for all frames
         - **output:** logits :math:`(B, O)`, or :math:`(B, T, O)` for all frames
 
     Raises:
         ValueError: If :obj:`layout` is a number, :obj:`conv` is unknown, a size is below one, or
-            :obj:`x` has another number of taxels or a number of columns that :math:`C` does not
-            divide.
+            :obj:`x` has the wrong number of taxels or a number of columns that is not a multiple of
+            :math:`C`.
 
     Examples:
         >>> model = TemporalTaxelNet("biotac", 2, in_channels=3)
@@ -226,17 +233,17 @@ class TemporalTaxelNet(BaseModel):
         *,
         per_frame: bool = False,
     ) -> Tensor:
-        r"""Returns the logits of each window :math:`(B, O)`, or those of all frames
+        r"""Returns the logits of each window :math:`(B, O)`, or of all its frames
         :math:`(B, T, O)`.
 
-        The order of the arguments is that of
+        The arguments have the same order as in
         :meth:`~torch_geometric_tactile.nn.models.TactileModel.forward`.
 
         Args:
             x (torch.Tensor): Windows of readings.
             edge_index, edge_attr, absolute, pos (torch.Tensor, optional): Not used.
             joint (torch.Tensor, optional): Joint angles in radians of the last frame or, with
-                :obj:`per_frame`, of all frames, if :obj:`num_joints` is not 0.
+                :obj:`per_frame`, of all frames. Required if :obj:`num_joints` is not 0.
             per_frame (bool): Whether to return the logits of each frame, for example to train on
                 all frames. Requires :obj:`pool="last"`.
         """
@@ -244,9 +251,10 @@ class TemporalTaxelNet(BaseModel):
         x = _split_channels(x, self.num_nodes, self.in_channels)
         mask = taxel_mask(x[:, :, 0], self.taxel_dropout if self.training else 0.0)
         x = self.norm(x.flatten(1, 2)).view_as(x)
-        if mask is not None:  # after the scaling, so that dropped taxels do not change it
+        if mask is not None:  # after scaling, so that dropped taxels do not change the scale
             x = x * mask[:, :, None, None]
-        # The logits of a window depend only on every `dilation`-th frame after filters and mixer.
+        # After the filters and the mixer, the logits of a window depend only on every `dilation`-th
+        # frame.
         stride = 1 if per_frame else self.dilation
         first_stride = stride if self.mixer is None else 1
         if self.filters is None:
@@ -267,7 +275,7 @@ class TemporalTaxelNet(BaseModel):
         return self.head(h if per_frame else self._pool_frames(h), joint)
 
     def _pool_frames(self, h: Tensor) -> Tensor:
-        # Returns the features of the windows (B, M, F') for those of their frames (B, M, T, F).
+        # Pools the features of frames (B, M, T, F), and returns the features of windows (B, M, F').
         if self.pool == "last":
             return h[:, :, -1]
         pooled = {"mean": h.mean(dim=2), "max": h.amax(dim=2)}
@@ -284,13 +292,15 @@ class TemporalTaxelNet(BaseModel):
         device: torch.device | str | None = None,
         dtype: torch.dtype | None = None,
     ) -> _TemporalState:
-        r"""Returns the state before the first frame. Its tensors have the streams in the first
-        dimension, so that states can be concatenated, sliced and exported.
+        r"""Returns the state before the first frame. The first dimension of its tensors is the
+        stream, so that states can be concatenated, sliced and exported.
 
         Args:
             batch_size (int): Number of streams :math:`B`.
-            device (torch.device, optional): Device of the state. Defaults to that of the weights.
-            dtype (torch.dtype, optional): Data type of the state. Defaults to that of the weights.
+            device (torch.device, optional): Device of the state. Defaults to the device of the
+                weights.
+            dtype (torch.dtype, optional): Data type of the state. Defaults to the data type of the
+                weights.
         """
         need(self.can_step, _POOL_MESSAGE.format("initial_state"), self.pool)
         num_nodes = self.taxels[-1] if self.mixer is None else 1
@@ -317,7 +327,7 @@ class TemporalTaxelNet(BaseModel):
             frame (torch.Tensor): Readings of the frame :math:`(B, N, C)`.
             edge_index (torch.Tensor, optional): Not used.
             state (tuple of torch.Tensor): State before the frame.
-            joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`, if
+            joint (torch.Tensor, optional): Joint angles in radians :math:`(B, J)`. Required if
                 :obj:`num_joints` is not 0.
         """
         x = stacked_readings(frame, self.num_nodes, self.in_channels, "channels")
@@ -352,7 +362,7 @@ class TemporalTaxelNet(BaseModel):
 
 
 class _FrameFilters(Module):
-    r"""Causal filters of the readings of each taxel, followed by normalisation and ReLU. All taxels
+    r"""Causal filters on the readings of each taxel, followed by normalisation and ReLU. All taxels
     share the filters.
 
     Args:
@@ -390,14 +400,14 @@ class _FrameFilters(Module):
 
 
 class _TemporalBlock(Module):
-    r"""A causal convolution over the features of each taxel, normalisation, ReLU and dropout, with
-    a residual connection.
+    r"""A causal convolution on the features of each taxel, followed by normalisation, ReLU, dropout
+    and a residual connection.
 
     Args:
         channels (int): Size of each input and output feature.
         kernel_size (int): Number of frames in the kernel.
         dilation (int): Distance between the kernel's frames.
-        dropout (float): Probability of dropping a feature in training.
+        dropout (float): Probability of dropping a feature during training.
     """
 
     def __init__(self, channels: int, kernel_size: int, dilation: int, dropout: float) -> None:
@@ -407,7 +417,7 @@ class _TemporalBlock(Module):
         self.dropout = ByteDropout(dropout)
 
     def forward(self, h: Tensor, spacing: int = 1, stride: int = 1) -> Tensor:
-        r"""Returns the output for features :math:`(B, M, T, F)`. The arguments are those of
+        r"""Returns the output for features :math:`(B, M, T, F)`. The arguments are the same as for
         :meth:`CausalTemporalConv.forward`.
         """
         out = self.conv(h, spacing=spacing, stride=stride)
@@ -430,16 +440,16 @@ class _TemporalBlock(Module):
 
 class _FrameHead(Module):
     r"""Computes the logits of a frame from the features of all taxels, their mean and their
-    maximum, with an optional hidden layer. Mixed features are used without mean and maximum.
+    maximum, with an optional hidden layer. For mixed features, the mean and maximum are left out.
 
     Args:
         num_nodes (int): Number of taxels :math:`M`.
-        width (int): Size of each taxel's features :math:`F`.
+        width (int): Number of features per taxel :math:`F`.
         out_channels (int): Number of labels or classes :math:`O`.
         hidden_channels (int, optional): Width of the hidden layer, or :obj:`None` for none.
-        dropout (float): Probability of dropping a feature in training.
+        dropout (float): Probability of dropping a feature during training.
         num_joints (int): Number of joint angles.
-        are_mixed (bool): Whether the features are those of all taxels together.
+        are_mixed (bool): Whether the features of all taxels are mixed into one row.
     """
 
     def __init__(
@@ -497,7 +507,7 @@ def _apply_to_frames(layer: Module, h: Tensor) -> Tensor:
 
 
 def _temporal_blocks(blocks: ModuleList) -> list[_TemporalBlock]:
-    # Iterating over a ModuleList gives plain modules to type checkers.
+    # Type checkers see plain modules when iterating over a ModuleList.
     return [block for block in blocks if isinstance(block, _TemporalBlock)]
 
 

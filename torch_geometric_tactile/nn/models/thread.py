@@ -14,24 +14,23 @@ from torch_geometric_tactile.nn.pool import ChannelMaxPool
 
 
 class Thread(Module):
-    r"""The base class of threads. Each layer is a convolution, a
+    r"""The base class of threads. Each layer consists of a convolution, a
     :class:`~torch_geometric_tactile.nn.pool.ChannelMaxPool` and ReLU.
 
-    A subclass passes a constructor of convolutions and defines :meth:`forward`.
+    A subclass passes a constructor for convolutions and defines :meth:`forward`.
 
     Args:
-        in_channels (int): Features of each taxel.
+        in_channels (int): Number of input features per taxel.
         widths (sequence of int): Width of each convolution.
-        pools (sequence of int): Number of channels for each maximum, after each convolution.
-        conv (callable): Returns a convolution for an input and an output width.
+        pools (sequence of int): Pool size in channels after each convolution.
+        conv (callable): Function that returns a convolution for an input width and an output width.
         pool_dim (int): Dimension of the channels in the output of a convolution.
-        fast (bool): Whether to compute many samples on one topology on a processor by
-            :mod:`torch_geometric_tactile.nn._pooled_gcn`. Its results are the same, but it has no
-            second derivative.
+        fast (bool): Whether to use a faster implementation for many samples on one topology on a
+            CPU. It returns the same results, but does not support second derivatives.
 
     Raises:
-        ValueError: If there is no layer, the numbers of widths and pools differ, a pool does not
-            divide its width, or a size is below one.
+        ValueError: If there is no layer, the numbers of widths and pool sizes differ, a pool size
+            does not divide its width, or a size is below one.
 
     Examples:
         >>> import torch
@@ -68,23 +67,23 @@ class Thread(Module):
         reset(self.convs)
 
     def layers(self) -> list[tuple[Any, ChannelMaxPool]]:
-        r"""Returns the convolutions, each with the pooling after it."""
+        r"""Returns each convolution with the pooling that follows it."""
         return list(zip(self.convs, self.pools, strict=True))  # type: ignore[arg-type]
 
     @property
     def explained(self) -> bool:
-        r"""Whether an explainer is attached, which needs the messages of all edges."""
+        r"""Whether an explainer is attached. Explainers need the messages of all edges."""
         return any(isinstance(conv, MessagePassing) and conv.explain for conv in self.convs)
 
     def forward(
         self, x: Tensor, edge_index: OptTensor = None, edge_weight: OptTensor = None
     ) -> Tensor:
-        r"""Returns the convolved features of the taxels.
+        r"""Returns the features of the taxels after the convolutions.
 
         Args:
             x (torch.Tensor): Features.
             edge_index (torch.Tensor, optional): Edges, for graph convolutions.
-            edge_weight (torch.Tensor, optional): Weights of the edges. Defaults to ones.
+            edge_weight (torch.Tensor, optional): Edge weights. Defaults to ones.
         """
         raise NotImplementedError
 

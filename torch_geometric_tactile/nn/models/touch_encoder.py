@@ -1,4 +1,4 @@
-r"""An encoder of touch for the policy of a robot."""
+r"""An encoder of tactile readings for robot policies."""
 
 from collections.abc import Sequence
 from typing import Optional, Union
@@ -14,42 +14,42 @@ from torch_geometric_tactile.sensors import TaxelLayout
 
 
 class TouchEncoder(Module):
-    r"""Encodes the last frames of touch of any layout as a vector, such as a token of a robot's
-    policy. It is not from a paper.
+    r"""Encodes the last frames of tactile readings as a vector, for example as a token for a robot
+    policy. It supports any layout. It is not from a paper.
 
-    It is a :class:`~torch_geometric_tactile.nn.models.TemporalTaxelNet` with features in place of
-    logits: convolutions over neighbouring taxels in each frame, then causal convolutions over time.
-    The input is a plain tensor with time before the taxels, as policies have it; no data set or
-    graph of this package is needed. The features of a window are those of its last frame, and
-    depend on the last :attr:`receptive_field` frames,
+    It is a :class:`~torch_geometric_tactile.nn.models.TemporalTaxelNet` that returns features
+    instead of logits: it applies convolutions over neighbouring taxels in each frame, then causal
+    convolutions over time. The input is a plain tensor in which time comes before the taxels, as is
+    common in policies. No data set or graph from this package is needed. The output is the features
+    of the last frame of a window, which depend on the last :attr:`receptive_field` frames,
 
     .. math::
         R = F + 2 D (2^L - 1)
 
-    with filters of :math:`F` frames and :math:`L` blocks whose dilation begins at :math:`D`. Before
-    the first frame, all features are zero. Missing readings (NaN) count as zero, which is the rest
-    of a tared sensor.
+    with filters of :math:`F` frames and :math:`L` blocks, the first of which has the dilation
+    :math:`D`. Before the first frame, all features are zero. Missing readings (NaN) are replaced by
+    zero, which is the reading of a tared sensor at rest.
 
-    :meth:`step` encodes one frame with a state, for a robot that runs. Starting from
-    :meth:`initial_state`, its results equal those of :meth:`forward` on the same frames.
+    :meth:`step` encodes one frame at a time with a state, for use on a running robot. Starting from
+    :meth:`initial_state`, it returns the same features as :meth:`forward` on the same frames.
 
     Args:
         layout (TaxelLayout, str or PathLike): The layout, the name of a stock layout, or the path
             of a layout file.
         out_channels (int): Number of features :math:`D_{out}`.
-        in_channels (int): Number of channels of each taxel :math:`C`, such as three axes.
-        num_joints (int): Number of joint angles, or of other numbers of the robot, that join before
-            the last hidden layer, or 0 for none.
+        in_channels (int): Number of channels per taxel :math:`C`, for example three axes.
+        num_joints (int): Number of joint angles, or other measurements from the robot, that are
+            appended to the input of the hidden layer, or 0 for none.
         widths (sequence of int, optional): Width of each level, as in
             :class:`~torch_geometric_tactile.nn.models.TemporalTaxelNet`.
-        num_filters (int): Number of filters of the readings of each taxel.
+        num_filters (int): Number of filters on the readings of each taxel.
         filter_size (int): Length of these filters in frames :math:`F`.
-        dilation (int): Distance between the frames of the first block :math:`D`.
+        dilation (int): Distance between the frames of the kernel in the first block :math:`D`.
         num_blocks (int): Number of blocks over time :math:`L`.
         hidden_channels (int): Width of the hidden layer.
-        dropout (float): Probability of dropping a feature in training.
-        taxel_dropout (float): Probability of dropping a taxel of a window in training, which makes
-            a policy less dependent on single taxels.
+        dropout (float): Probability of dropping a feature during training.
+        taxel_dropout (float): Probability of dropping a taxel of a window during training, so that
+            a policy depends less on single taxels.
 
     Shapes:
         - **input:** readings :math:`(B, T, N, C)`; joint angles :math:`(B, J)` of the last frame,
@@ -57,7 +57,7 @@ class TouchEncoder(Module):
         - **output:** features :math:`(B, D_{out})`
 
     Raises:
-        ValueError: If a size is below one, or :obj:`touch` or :obj:`joint` has another shape.
+        ValueError: If a size is below one, or :obj:`touch` or :obj:`joint` has the wrong shape.
 
     Examples:
         >>> encoder = TouchEncoder("biotac", 32, in_channels=3)
@@ -116,9 +116,9 @@ class TouchEncoder(Module):
         r"""Returns the features of the last frame :math:`(B, D_{out})`.
 
         Args:
-            touch (torch.Tensor): Readings :math:`(B, T, N, C)`, the newest frame last.
+            touch (torch.Tensor): Readings :math:`(B, T, N, C)`, with the newest frame last.
             joint (torch.Tensor, optional): Joint angles :math:`(B, J)`, or :math:`(B, T, J)`, of
-                which the last are used, if :obj:`num_joints` is not 0.
+                which only the last frame is used. Required if :obj:`num_joints` is not 0.
         """
         if touch.dim() != 4 or touch.shape[2:] != (self.num_taxels, self.in_channels):
             raise ValueError(
@@ -141,8 +141,10 @@ class TouchEncoder(Module):
 
         Args:
             batch_size (int): Number of streams :math:`B`.
-            device (torch.device, optional): Device of the state. Defaults to that of the weights.
-            dtype (torch.dtype, optional): Data type of the state. Defaults to that of the weights.
+            device (torch.device, optional): Device of the state. Defaults to the device of the
+                weights.
+            dtype (torch.dtype, optional): Data type of the state. Defaults to the data type of the
+                weights.
         """
         return self.net.initial_state(batch_size, device, dtype)
 
@@ -154,8 +156,8 @@ class TouchEncoder(Module):
         Args:
             frame (torch.Tensor): Readings of the frame :math:`(B, N, C)`.
             state (tuple of torch.Tensor): State before the frame.
-            joint (torch.Tensor, optional): Joint angles :math:`(B, J)`, if :obj:`num_joints` is not
-                0.
+            joint (torch.Tensor, optional): Joint angles :math:`(B, J)`. Required if
+                :obj:`num_joints` is not 0.
         """
         return self.net.step(_fill_missing(frame), None, state, joint)
 
@@ -168,5 +170,5 @@ class TouchEncoder(Module):
 
 
 def _fill_missing(readings: Tensor) -> Tensor:
-    # Not nan_to_num, which would make infinite readings finite.
+    # `nan_to_num` would also make infinite readings finite.
     return torch.where(readings.isnan(), torch.zeros_like(readings), readings)

@@ -5,15 +5,16 @@ from torch import Tensor
 
 from torch_geometric_tactile._checks import need
 
-# Added under the square root, whose gradient is unbounded near zero.
+# Added under the square root, since its gradient is unbounded near zero.
 _FLOOR = 1e-8
 
 
 class BilinearFeature(torch.nn.Module):
-    r"""The single-mode bilinear feature of the "A Novel Bilinear Feature and Multi-Layer Fused
-    Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors 2020, 20, 5822). It
-    multiplies the columns of each feature map :math:`\mathbf{f}` with :math:`n` rows with one
-    another, takes the signed root of each product and divides by the :math:`\ell_2` norm of all.
+    r"""The single-mode bilinear feature from the "A Novel Bilinear Feature and Multi-Layer Fused
+    Convolutional Neural Network for Tactile Shape Recognition" paper (Sensors 2020, 20, 5822). For
+    each feature map :math:`\mathbf{f}` with :math:`n` rows, it computes the products of all pairs
+    of columns, takes the signed root of each product and divides by the :math:`\ell_2` norm over
+    all of them.
 
     .. math::
         \mathbf{\Phi} = \frac{1}{n} \mathbf{f}^{\top} \mathbf{f} + \epsilon \mathbf{I}, \qquad
@@ -23,10 +24,11 @@ class BilinearFeature(torch.nn.Module):
     :math:`\mathbf{\Phi}` is symmetric and positive semi-definite. The output is symmetric with norm
     one.
 
-    The paper states neither :math:`\epsilon` nor the :math:`10^{-8}` under the root. Without the
-    latter, the gradient of the root is unbounded at zero, and training gives NaN within ten
-    batches. As in the paper's formula, the norm is that of one feature map and not of all maps of a
-    sample, so that the relative strength of the maps is lost.
+    The paper does not state the value of :math:`\epsilon`, and has no constant under the root.
+    Without the :math:`10^{-8}`, the gradient of the root is unbounded at zero, and training yields
+    NaN within ten batches. As in the paper's formula, each feature map is divided by its own norm
+    instead of the norm over all maps of a sample, so that the relative strength of the maps is
+    lost.
 
     Args:
         eps (float): Constant :math:`\epsilon` that is added to the diagonal.
@@ -36,7 +38,7 @@ class BilinearFeature(torch.nn.Module):
         - **output:** :math:`(*, W, W)`
 
     Raises:
-        ValueError: If :obj:`eps` is not positive and finite, or :obj:`x` has no rows or columns.
+        ValueError: If :obj:`eps` is not positive and finite, or :obj:`x` has no rows or no columns.
 
     Examples:
         >>> BilinearFeature()(torch.tensor([[2.0, 1.0], [0.0, 1.0]]))
@@ -59,7 +61,7 @@ class BilinearFeature(torch.nn.Module):
         return root / torch.linalg.vector_norm(root, dim=(-2, -1), keepdim=True)
 
     def products(self, x: Tensor) -> Tensor:
-        r"""Returns the products :math:`\mathbf{\Phi}` of the columns, before the root.
+        r"""Returns the products :math:`\mathbf{\Phi}` of the columns before the root is taken.
 
         Args:
             x (torch.Tensor): Feature maps.

@@ -7,7 +7,7 @@ from torch_geometric_tactile.nn._sizes import check_sizes
 
 
 class ChannelMaxPool(torch.nn.Module):
-    r"""The max pooling over feature channels of the "Tactile Object Property Recognition using
+    r"""Max pooling over feature channels, from the "Tactile Object Property Recognition using
     Geometrical Graph Edge Features and Multi-Thread Graph Convolutional Network" paper, where it is
     denoted by "(P)". For each taxel, it returns the maximum of every :obj:`kernel_size`
     neighbouring channels.
@@ -16,7 +16,7 @@ class ChannelMaxPool(torch.nn.Module):
         x'_c = \max_{0 \le j < k} x_{k c + j}
 
     Args:
-        kernel_size (int): Number of channels :math:`k` for each maximum.
+        kernel_size (int): Number of channels in each pool :math:`k`.
         dim (int): Dimension of the channels.
 
     Shapes:

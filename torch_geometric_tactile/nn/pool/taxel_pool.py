@@ -15,8 +15,9 @@ from torch_geometric_tactile.sensors._taxel_clusters import taxel_clusters
 
 
 class TaxelPool(torch.nn.Module):
-    r"""Pools the features of the taxels in each cluster: a patch, a digit, or a voxel of a fixed
-    size. The attribute :obj:`coarse` is the layout of the clusters, for further convolutions.
+    r"""Pools the features of the taxels in each cluster. A cluster is a patch, a digit, or a voxel
+    of a fixed size. The attribute :obj:`coarse` is the layout of the clusters, for use in further
+    convolutions.
 
     .. math::
         \mathbf{x}'_c = \max_{i \in c} \mathbf{x}_i \qquad \text{or} \qquad
@@ -27,18 +28,19 @@ class TaxelPool(torch.nn.Module):
             of a layout file.
         by (str, float or sequence of float): Clusters, as in
             :func:`~torch_geometric_tactile.sensors._taxel_clusters`: :obj:`"patch"`,
-            :obj:`"digit"`, or the edge length of voxels in metres, as one number or one for each of
-            :math:`x` and :math:`y`. On a grid, twice the pitch pools :math:`2 \times 2` taxels.
+            :obj:`"digit"`, or the edge length of voxels in metres, as one number or as a pair of
+            numbers for :math:`x` and :math:`y`. On a grid, twice the pitch pools :math:`2 \times 2`
+            taxels.
         aggr (str): :obj:`"max"` or :obj:`"mean"`.
 
     Shapes:
-        - **input:** features :math:`(N, F)`, :math:`(B, N, F)` or those of a PyG batch
+        - **input:** features :math:`(N, F)`, :math:`(B, N, F)` or, for a PyG batch,
           :math:`(B \cdot N, F)`
-        - **output:** features of the :math:`M` clusters, :math:`(M, F)`, :math:`(B, M, F)` or
-          :math:`(B \cdot M, F)`
+        - **output:** features of the :math:`M` clusters :math:`(M, F)`, :math:`(B, M, F)` or, for a
+          PyG batch, :math:`(B \cdot M, F)`
 
     Raises:
-        ValueError: If :obj:`by` or :obj:`aggr` is unknown, or :obj:`x` has another number of
+        ValueError: If :obj:`by` or :obj:`aggr` is unknown, or :obj:`x` has the wrong number of
             taxels.
 
     Examples:
@@ -83,10 +85,10 @@ class TaxelPool(torch.nn.Module):
         num_taxels = self.num_taxels
         if not has_taxels(x, num_taxels):
             raise ValueError(
-                f"'x' must have {num_taxels} taxels, as the layout (got shape {tuple(x.shape)})"
+                f"'x' must have {num_taxels} taxels, like the layout (got shape {tuple(x.shape)})"
             )
         rows = x if x.dim() == 3 else x.reshape(-1, num_taxels, x.size(-1))
-        # Memory may be ordered by sample or, after some layers, by taxel. In both orders, the
+        # The memory is ordered by sample or, after some layers, by taxel. In both cases, the
         # selection copies contiguous rows.
         is_taxel_major = not rows.is_contiguous()
         if is_taxel_major:
@@ -94,12 +96,13 @@ class TaxelPool(torch.nn.Module):
         members = rows.index_select(1, self.members.view(-1))
         members = members.unflatten(1, (self.num_clusters, -1))
         if self.aggr == "max":
-            # Pooling of a channels-last image is twice as fast as a maximum over one dimension.
+            # Pooling a channels-last image is twice as fast as taking the maximum over one
+            # dimension.
             out = max_pool2d(members.permute(0, 3, 1, 2), (1, members.size(2)))
             out = out.permute(0, 2, 3, 1).squeeze(2)
         else:
             members = members * self.share.to(x.dtype).unsqueeze(-1)
-            if self._has_padding:  # with a share of zero, and zero times infinity is NaN
+            if self._has_padding:  # padding has a share of zero, and zero times infinity is NaN
                 members = members.masked_fill((self.share == 0).unsqueeze(-1), 0.0)
             out = members.sum(dim=2)
         if is_taxel_major:
@@ -114,8 +117,8 @@ class TaxelPool(torch.nn.Module):
 
 
 def _cluster_members(cluster: Tensor) -> tuple[Tensor, Tensor]:
-    # Returns the taxels of each cluster (M, K), padded with its first taxel, and their share in the
-    # mean (M, K), which is zero for padding.
+    # Returns the taxels of each cluster (M, K), padded with the first taxel of the cluster, and the
+    # weight of each taxel in the mean (M, K), which is zero for padding.
     count = cluster.bincount()
     order = cluster.argsort(stable=True)
     column = torch.arange(len(cluster)) - (count.cumsum(0) - count)[cluster[order]]

@@ -1,5 +1,5 @@
-r"""What the command line does with files and arguments that mean it no good: one line that explains
-the error, never a traceback, and never a wait without end.
+r"""Hostile files and arguments on the command line end in one line that explains the error, without
+a traceback and without an endless wait.
 """
 
 import csv
