@@ -88,6 +88,7 @@ linkcheck_timeout = 20
 linkcheck_anchors = False  # pages that draw their anchors with scripts are reported as broken
 
 # -- The pages ---------------------------------------------------------------------------------
+smartquotes_action = "qe"  # no dashes: an option such as --folds keeps its hyphens
 html_theme = "pydata_sphinx_theme"
 html_math_renderer = "mathml"
 html_static_path = ["_static"]
