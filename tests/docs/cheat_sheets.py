@@ -319,7 +319,7 @@ def transform_rows() -> Iterator[tuple[str, ...]]:
             f"`{name}`",
             f"`{functional}`",
             YES if issubclass(transform, transforms.FittedTransform) else NO,
-            YES if "an augmentation" in text else NO,
+            YES if transform.is_random else NO,
             YES if name in OF_WINDOWS else NO,
         )
 
