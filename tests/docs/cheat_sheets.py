@@ -25,7 +25,13 @@ from torch_geometric_tactile.nn import conv, pool
 from torch_geometric_tactile.sensors import layout_sectors, letter_array
 
 TEMPLATE = Path(__file__).with_suffix(".md.in")
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "cheat_sheets.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE = DOCS / "cheat_sheets.md"
+DATA_SETS_PAGE = DOCS / "data_sets.md"
+TABLES_OF_DATA_SETS = re.compile(
+    r"(<!-- tables by tests/docs/cheat_sheets.py -->\n\n).*?(\n\n<!-- end of the tables -->)",
+    re.DOTALL,
+)
 N, EDGES = 11, small_models.EDGE_INDEX
 SECTOR_EDGES, SECTOR = layout_sectors(small_models.LAYOUT)
 YES, NO = "yes", "-"
@@ -385,14 +391,6 @@ def model_rows() -> Iterator[tuple[str, ...]]:
 def page() -> str:
     """Returns the text of the page."""
     sections = {
-        "data sets": _table(
-            ("data set", "data", "question", "taxels", "samples", "classes"),
-            *map(itemgetter(0, 1, 2, 3, 5, 6), data_set_rows()),
-        ),
-        "sources": _table(
-            ("data set", "channels", "Hz", "licence", "from", "hold out"),
-            *map(itemgetter(0, 4, 7, 8, 9, 10), data_set_rows()),
-        ),
         "layers": _table(
             (
                 "layer",
@@ -418,9 +416,24 @@ def page() -> str:
     )
 
 
+def data_sets_page() -> str:
+    """Returns the text of the page on published data sets, with its tables as in the code."""
+    sizes = _table(
+        ("data set", "data", "question", "taxels", "samples", "classes"),
+        *map(itemgetter(0, 1, 2, 3, 5, 6), data_set_rows()),
+    )
+    sources = _table(
+        ("data set", "channels", "Hz", "licence", "from", "hold out"),
+        *map(itemgetter(0, 4, 7, 8, 9, 10), data_set_rows()),
+    )
+    text = DATA_SETS_PAGE.read_text()
+    return TABLES_OF_DATA_SETS.sub(rf"\g<1>{sizes}\n\n{sources}\g<2>", text)
+
+
 def main() -> None:
-    with atomic_path(PAGE) as temporary:
-        temporary.write_text(page())
+    for path, text in ((PAGE, page()), (DATA_SETS_PAGE, data_sets_page())):
+        with atomic_path(path) as temporary:
+            temporary.write_text(text)
 
 
 def _table(*rows: tuple[str, ...]) -> str:

@@ -8,8 +8,9 @@ from docs import cheat_sheets
 from torch_geometric_tactile import datasets, nn
 
 
-def test_page_matches_the_code():
+def test_pages_match_the_code():
     assert cheat_sheets.page() == cheat_sheets.PAGE.read_text()
+    assert cheat_sheets.data_sets_page() == cheat_sheets.DATA_SETS_PAGE.read_text()
 
 
 def test_every_data_set_and_model_is_on_the_page():
