@@ -219,7 +219,7 @@ def test_all_models_run_on_windows(tmp_path, capsys):
     assert scores["temporal_cnn"] > scores["constant"] + 0.2
     assert found["data"]["num_frames"] == 10
     page = (tmp_path / "out" / "a.md").read_text()
-    assert "A sample is a window of 10 frames, one every 5, with the label of its last" in page
+    assert "A sample is a window of 10 frames, one every 5 frames, with the label" in page
     assert run(tmp_path, *cut, "--epochs", "9") == 0
     assert "all runs are finished" in capsys.readouterr().out
 
