@@ -1,8 +1,8 @@
 """Checks the built site.
 
-Every public name has a page, every local link leads somewhere, nothing comes from another host, and
-a search for common words finds the page on them, and no page of results is longer than 1,500 words
-and its tables.
+Every public name has a page, every local link leads somewhere, and nothing comes from another host.
+A search for common words finds the page about them. Pages of results have at most 1,500 words
+outside their tables.
 
 python docs/check_site.py docs/build/html
 """

@@ -67,6 +67,11 @@ def blocks_of(path):
     return found
 
 
+def prose_of(path):
+    """The text of a page without its blocks of code."""
+    return _BLOCK.sub("", Path(path).read_text(encoding="utf-8"))
+
+
 def dangling_markers(path):
     """The lines of markers that no block follows."""
     text = Path(path).read_text(encoding="utf-8")

@@ -23,6 +23,7 @@ from markdown_pages import (
     commands,
     dangling_markers,
     pages,
+    prose_of,
     run_block,
     run_page,
 )
@@ -79,21 +80,19 @@ def test_markers_stand_right_before_a_block(name):
 
 
 _LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
-_CODE = re.compile(r"^(`{3,}).*?^\1 *$", re.DOTALL | re.MULTILINE)
 
 
 def _anchors(page):
     # As GitHub makes them from the headings.
-    text = _CODE.sub("", page.read_text(encoding="utf-8"))
-    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    headings = re.findall(r"^#+ (.+)$", prose_of(page), re.MULTILINE)
     plain = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).lower() for heading in headings]
     return {re.sub(r"[^\w\- ]", "", heading).strip().replace(" ", "-") for heading in plain}
 
 
 def dangling_links(page):
-    """Returns the links to missing files or headings; the site builds the pages in generated/."""
+    """Returns the links to missing files or headings, except pages that the site generates."""
     dangling = []
-    for link, anchor in _LINK.findall(_CODE.sub("", page.read_text(encoding="utf-8"))):
+    for link, anchor in _LINK.findall(prose_of(page)):
         target = page.parent / link if link else page
         if "generated/" in link or (target.exists() and not anchor):
             continue
@@ -110,8 +109,7 @@ def test_links_lead_to_files_and_headings(name):
 @pytest.mark.parametrize("name", all_pages())
 def test_no_line_is_a_comment_by_mistake(name):
     # MyST leaves out lines that begin with a percent sign.
-    text = _CODE.sub("", (ROOT / name).read_text(encoding="utf-8"))
-    assert not re.findall(r"^\s*%.*", text, re.MULTILINE)
+    assert not re.findall(r"^\s*%.*", prose_of(ROOT / name), re.MULTILINE)
 
 
 def test_dangling_links_are_found(tmp_path):

@@ -418,13 +418,14 @@ def page() -> str:
 
 def data_sets_page() -> str:
     """Returns the text of the page on published data sets, with its tables as in the code."""
+    rows = list(data_set_rows())
     sizes = _table(
         ("data set", "data", "question", "taxels", "samples", "classes"),
-        *map(itemgetter(0, 1, 2, 3, 5, 6), data_set_rows()),
+        *map(itemgetter(0, 1, 2, 3, 5, 6), rows),
     )
     sources = _table(
         ("data set", "channels", "Hz", "licence", "from", "hold out"),
-        *map(itemgetter(0, 4, 7, 8, 9, 10), data_set_rows()),
+        *map(itemgetter(0, 4, 7, 8, 9, 10), rows),
     )
     text = DATA_SETS_PAGE.read_text()
     return TABLES_OF_DATA_SETS.sub(rf"\g<1>{sizes}\n\n{sources}\g<2>", text)
